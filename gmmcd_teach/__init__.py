@@ -1,0 +1,1 @@
+"""Learn how a machine notices that a room has changed."""

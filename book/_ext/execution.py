@@ -1,8 +1,8 @@
 """Run the notebooks before Sphinx reads them: two at a time, each in an empty folder, time and memory measured.
 
 MyST-NB would run them one after the other. Here they run in a pool first, and `source-read` hands Sphinx the notebook
-with its outputs. Outputs are kept in `_build/.executed` under a key made of the notebook's code cells, the package, the
-lock file, the Python version and whether the real scans are at hand; when any of these changes, the notebook runs again.
+with its outputs. Outputs are kept in `_build/.executed` under a key made of the notebook's code cells, the package,
+the lock file, the Python version and whether the real scans are at hand; when one of these changes, it runs again.
 """
 
 from __future__ import annotations

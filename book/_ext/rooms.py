@@ -11,8 +11,9 @@ from typing import Any
 import nbformat
 from docutils import nodes
 from docutils.statemachine import StringList
+from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
-from sphinx.util.docutils import SphinxDirective
+from sphinx.util.docutils import SphinxDirective, SphinxRole
 from srcroot import ROOT
 
 QUESTION = re.compile(r"^\*([^*].*?)\*$", re.MULTILINE)
@@ -46,7 +47,10 @@ class ChapterMap(FromMyst):
             cost = f"{seconds:.0f} s | {megabytes:.0f} MB" if doc in costs else "not run | "
             rows.append(f"| {number} | {{doc}}`/{doc}` | {question[1] if question else ''} | {cost} |")
         total = sum(seconds for seconds, _ in costs.values())
-        rows += ["", f"All chapters together: {total / 60:.1f} minutes of computing, measured when this book was built."]
+        rows += [
+            "",
+            f"All chapters together: {total / 60:.1f} minutes of computing, measured when this book was built.",
+        ]
         return self.parse("\n".join(rows))
 
 
@@ -68,8 +72,12 @@ class Room(FromMyst):
             lines += ["```{eval-rst}", f".. automodule:: {name}", ""]
             if own:
                 lines += [".. autosummary::", "   :nosignatures:", "", *(f"   {item}" for item in own), ""]
-                lines += [f".. autoclass:: {name}.{item}\n   :members:\n" if is_class else f".. autofunction:: {name}.{item}\n"
-                          for item, is_class in own.items()]
+                lines += [
+                    f".. autoclass:: {name}.{item}\n   :members:\n"
+                    if is_class
+                    else f".. autofunction:: {name}.{item}\n"
+                    for item, is_class in own.items()
+                ]
             lines += ["```", ""]
         return self.parse("\n".join(lines))
 
@@ -96,11 +104,36 @@ def link_chapters(app: Sphinx, what: str, name: str, item: object, options: obje
         return f":doc:`{number} </{where[number]}>`" if number in where else match[0]
 
     for i, line in enumerate(lines):
-        lines[i] = re.sub(r"(?<=chapter )\d+|(?<=chapters )\d+(?:(?:, | and | to )\d+)*",
-                          lambda phrase: re.sub(r"\d+", link, phrase[0]), line)
+        lines[i] = re.sub(
+            r"(?<=chapter )\d+|(?<=chapters )\d+(?:(?:, | and | to )\d+)*",
+            lambda phrase: re.sub(r"\d+", link, phrase[0]),
+            line,
+        )
+
+
+class Chapter(SphinxRole):
+    """{chapter}`4`: a link to the chapter, or plain words where the book does not have it."""
+
+    def run(self) -> tuple[list[nodes.Node], list[nodes.system_message]]:
+        words = f"chapter {self.text}"
+        doc = chapters(self.env.found_docs).get(int(self.text))
+        if doc is None:
+            return [nodes.inline("", words)], []
+        link = pending_xref(
+            "",
+            refdomain="std",
+            reftype="doc",
+            refdoc=self.env.docname,
+            reftarget=f"/{doc}",
+            refexplicit=True,
+            refwarn=True,
+        )
+        link += nodes.inline("", words)
+        return [link], []
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
+    app.add_role("chapter", Chapter())
     app.add_directive("chapter-map", ChapterMap)
     app.add_directive("room", Room)
     app.connect("autodoc-process-docstring", link_chapters)

@@ -2,17 +2,49 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO, TypeVar
+from uuid import uuid4
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gmmcd_teach.formats import Fields, Malformed, arrays, pcd, ply, text
+
 Floats = NDArray[np.float64]
+Codec = TypeVar("Codec")
+
+READERS = {
+    ".ply": ply.read_ply,
+    ".pcd": pcd.read_pcd,
+    ".xyz": text.read_text,
+    ".csv": text.read_text,
+    ".npy": arrays.read_npy,
+    ".npz": arrays.read_npz,
+}
+WRITERS = {
+    ".ply": ply.write_ply,
+    ".pcd": pcd.write_pcd,
+    ".xyz": text.write_xyz,
+    ".csv": text.write_csv,
+    ".npy": arrays.write_npy,
+    ".npz": arrays.write_npz,
+}
 
 
 class CloudError(ValueError):
     """A cloud that cannot be used: names the file or argument, what is wrong and what would be right."""
 
 
-def check_points(points: ArrayLike, name: str = "points", *, minimum: int = 1, dimensions: tuple[int, ...] = ()) -> Floats:
+def check_points(
+    points: ArrayLike,
+    name: str = "points",
+    *,
+    minimum: int = 1,
+    dimensions: tuple[int, ...] = (),
+) -> Floats:
     """Return `points` as a float64 array of shape (N, D), or say in one line why that cannot be done.
 
     Parameters
@@ -41,7 +73,143 @@ def check_points(points: ArrayLike, name: str = "points", *, minimum: int = 1, d
         raise CloudError(f"{name}: shape {array.shape}; expected (N, D) with D = {wanted}")
     if len(array) < minimum:
         raise CloudError(f"{name}: {len(array)} points; at least {minimum} needed")
-    bad = np.count_nonzero(~np.isfinite(array).all(axis=1))
-    if bad:
+    finite = np.isfinite(array)
+    if not finite.all():
+        bad = len(array) - np.count_nonzero(finite.all(axis=1))
         raise CloudError(f"{name}: {bad} of {len(array)} points hold NaN or infinity; drop them first")
     return array
+
+
+def read_cloud(path: str | os.PathLike[str]) -> Floats:
+    """Return the points of a cloud file as an array (N, 3), in the file's unit; rows with NaN or infinity are dropped.
+
+    Parameters
+    ----------
+    path : a file whose suffix is one of .ply .pcd .xyz .csv .npy .npz.
+
+    Raises
+    ------
+    CloudError
+        The file is missing, not a cloud of the format that its suffix names, or has no finite point.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_cloud(f"{folder}/two.ply", [[0, 0, 1], [1, 2, 3]])
+    ...     read_cloud(f"{folder}/two.ply")
+    array([[0., 0., 1.],
+           [1., 2., 3.]])
+    """
+    fields = read_fields(path)
+    if missing := [axis for axis in "xyz" if axis not in fields]:
+        raise CloudError(f"{path}: no column {missing[0]!r} among {', '.join(fields)[:200]}; expected x, y and z")
+    points = np.column_stack([fields[axis].ravel().astype(np.float64) for axis in "xyz"])
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) == 0:
+        raise CloudError(f"{path}: no point with three finite coordinates; at least 1 needed")
+    return points
+
+
+def read_fields(path: str | os.PathLike[str]) -> Fields:
+    """Return every column of a cloud file by its name, as stored: x, y, z, and labels, colours, normals, ...
+
+    Each is an array (N,), or (N, k) where a point has k numbers under one name. The columns of an organised .pcd
+    have the shape of the depth image that they come from, (H, W), NaN where nothing was measured.
+
+    Raises
+    ------
+    CloudError
+        As `read_cloud`. Memory is taken only for what the file can hold: at most 100 times its size.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_cloud(f"{folder}/two.npz", [[0, 0, 1], [1, 2, 3]], label=[0, 7])
+    ...     read_fields(f"{folder}/two.npz")["label"]
+    array([0, 7])
+    """
+    path, read = _of_format(path, READERS)
+    if path.exists() and not path.is_file():
+        raise CloudError(f"{path}: a directory or device; expected a file")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise CloudError(f"{path}: cannot be read ({error.strerror}); expected a file") from None
+    if not data:
+        raise CloudError(f"{path}: empty; expected a {path.suffix} file of at least one point")
+    try:
+        return read(data)
+    except Malformed as problem:
+        raise CloudError(f"{path}: {problem}") from None
+
+
+def write_cloud(path: str | os.PathLike[str], points: ArrayLike, **per_point: ArrayLike) -> None:
+    """Write points (N, 3) and named columns of N numbers, in the format of the suffix; numbers come back as they were.
+
+    The file appears complete or not at all. A .ply, .pcd, .xyz or .csv takes columns (N,), a .npz also (N, k), a .npy
+    none; booleans become 0 and 1 everywhere but in a .npz.
+
+    Raises
+    ------
+    CloudError
+        The points or a column are unfit, the suffix is unknown, or the file cannot be written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_cloud(f"{folder}/two.csv", [[0, 0, 1], [1, 2, 3]], changed=[False, True])
+    ...     print(pathlib.Path(f"{folder}/two.csv").read_text(), end="")
+    x,y,z,changed
+    0,0,1,0
+    1,2,3,1
+    """
+    path, write = _of_format(path, WRITERS)
+    points = check_points(points, dimensions=(3,))
+    fields: Fields = dict(zip("xyz", points.T, strict=True))
+    for name, values in per_point.items():
+        column = np.asarray(values)
+        wanted = (len(points),) if path.suffix.lower() != ".npz" else (len(points), *column.shape[1:])
+        if not (name.isidentifier() and name.isascii()) or name in (*"xyz", "points"):
+            raise CloudError(f"column {name!r}: expected a name of letters, digits and _ other than x, y, z, points")
+        if column.shape != wanted or column.dtype.kind not in "biuf" or column.dtype.itemsize > 8:
+            raise CloudError(f"column {name!r}: {column.dtype} of shape {column.shape}; expected numbers {wanted}")
+        if path.suffix.lower() != ".npz" and column.dtype.name in ("bool", "float16"):
+            column = column.astype(np.uint8 if column.dtype == bool else np.float32)
+        fields[name] = column
+    try:
+        write_atomically(path, lambda file: write(file, fields))
+    except Malformed as problem:
+        raise CloudError(f"{path}: {problem}") from None
+
+
+def write_atomically(path: Path, write: Callable[[BinaryIO], None]) -> None:
+    """Let `write` fill a new file beside `path`, then put it in the place of `path`; on any failure leave nothing.
+
+    Raises
+    ------
+    CloudError
+        The folder is missing, full or not writable, or `path` is a folder.
+    """
+    draft = path.with_name(f".{path.name}.{uuid4().hex}")
+    try:
+        try:
+            with open(draft, "xb") as file:
+                write(file)
+            os.replace(draft, path)
+        finally:
+            draft.unlink(missing_ok=True)
+    except OSError as error:
+        raise CloudError(f"{path}: cannot be written ({error.strerror}); expected a writable folder") from None
+
+
+def _of_format(path: str | os.PathLike[str], table: dict[str, Codec]) -> tuple[Path, Codec]:
+    try:
+        path = Path(path)
+    except TypeError:
+        raise CloudError(f"{path!r}: not a path; expected the name of a file") from None
+    if path.suffix.lower() not in table:
+        raise CloudError(f"{path}: unknown suffix {path.suffix!r}; expected one of {' '.join(table)}")
+    return path, table[path.suffix.lower()]

@@ -35,7 +35,7 @@ class ScenePair:
     ----------
     name, description : the key of the scene, and one sentence on what changed.
     before, after : (N_before, 3), (N_after, 3) points in metres.
-    before_objects, after_objects : (N,) int, the number (1, 2, ...) of the changed object a point belongs to, 0 for none.
+    before_objects, after_objects : (N,) int, number (1, 2, ...) of the changed object a point belongs to, 0 for none.
     object_names : name of changed object 1, 2, ...
     hidden_before, hidden_after : (N,) bool, unchanged surface that the other scan could not see.
     before_frames, after_frames : the depth images behind each cloud, with their estimated poses.

@@ -13,6 +13,7 @@ from docutils import nodes
 from docutils.statemachine import StringList
 from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
+from sphinx.ext import autosummary
 from sphinx.util.docutils import SphinxDirective, SphinxRole
 from srcroot import ROOT
 
@@ -54,6 +55,24 @@ class ChapterMap(FromMyst):
         return self.parse("\n".join(rows))
 
 
+class Rooms(FromMyst):
+    """A table of the modules named, each with the first line of its docstring and a link to its page."""
+
+    has_content = True
+
+    def run(self) -> list[nodes.Node]:
+        rows = ["| Module | What it is for |", "|:--|:--|"]
+        for name in " ".join(self.content).split():
+            if f"book/api/{name}" in self.env.found_docs:
+                summary = (importlib.import_module(f"gmmcd_teach.{name}").__doc__ or "").strip().split("\n")[0]
+                phrase = re.search(r"chapters? [\d, and]*\d", summary)
+                if phrase:
+                    links = re.sub(r"\d+", r"{chapter}`\g<0>`", phrase[0].split(" ", 1)[1])
+                    summary = summary.replace(phrase[0], links)
+                rows.append(f"| [`{name}`](/book/api/{name}.md) | {summary} |")
+        return self.parse("\n".join(rows))
+
+
 class Room(FromMyst):
     """`{room} gmmcd_teach.clouds`: what the module is for, a summary of its public names, then each one in full."""
 
@@ -64,22 +83,18 @@ class Room(FromMyst):
         names = [module.__name__]
         if hasattr(module, "__path__"):
             names += [f"{module.__name__}.{part.name}" for part in pkgutil.iter_modules(module.__path__)]
-        lines = []
-        for name in names:
-            own = public_names(name)
-            if name != module.__name__:
-                lines += [f"## {name.removeprefix('gmmcd_teach.')}", ""]
-            lines += ["```{eval-rst}", f".. automodule:: {name}", ""]
-            if own:
-                lines += [".. autosummary::", "   :nosignatures:", "", *(f"   {item}" for item in own), ""]
-                lines += [
-                    f".. autoclass:: {name}.{item}\n   :members:\n"
-                    if is_class
-                    else f".. autofunction:: {name}.{item}\n"
-                    for item, is_class in own.items()
-                ]
-            lines += ["```", ""]
-        return self.parse("\n".join(lines))
+        return self.parse("\n".join(line for name in names for line in self.describe(name)))
+
+    def describe(self, name: str) -> list[str]:
+        own = public_names(name)
+        lines = [] if name == self.arguments[0] else [f"## {name.removeprefix('gmmcd_teach.')}", ""]
+        lines += ["```{eval-rst}", f".. automodule:: {name}", ""]
+        if own:
+            lines += [".. autosummary::", "   :nosignatures:", "", *(f"   {item}" for item in own), ""]
+        for item, is_class in own.items():
+            lines += [f".. auto{'class' if is_class else 'function'}:: {name}.{item}"]
+            lines += ["   :members:", ""] if is_class else [""]
+        return [*lines, "```", ""]
 
 
 def public_names(module_name: str) -> dict[str, bool]:
@@ -95,20 +110,31 @@ def public_names(module_name: str) -> dict[str, bool]:
     return {name: inspect.isclass(item) for name, item in own.items()}
 
 
-def link_chapters(app: Sphinx, what: str, name: str, item: object, options: object, lines: list[str]) -> None:
-    """Turn "chapter 4" in a docstring into a link to the chapter, where the book has it."""
+def polish(app: Sphinx, what: str, name: str, item: object, options: object, lines: list[str]) -> None:
+    """After Napoleon: "chapter 4" becomes a link, and `points : (N, D) metres` a description instead of a type."""
     where = chapters(app.env.found_docs)
 
     def link(match: re.Match[str]) -> str:
         number = int(match[0])
         return f":doc:`{number} </{where[number]}>`" if number in where else match[0]
 
+    in_example = False
     for i, line in enumerate(lines):
-        lines[i] = re.sub(
+        in_example = line.lstrip().startswith(">>>") or (in_example and line.strip() != "")
+        if in_example:
+            continue
+        line = re.sub(
             r"(?<=chapter )\d+|(?<=chapters )\d+(?:(?:, | and | to )\d+)*",
             lambda phrase: re.sub(r"\d+", link, phrase[0]),
             line,
         )
+        line = re.sub(r"`[^`]*`|\|", lambda part: r"\|" if part[0] == "|" else part[0], line)  # a norm, |x|
+        lines[i] = re.sub(r"^(.*\*\*[^*]+\*\*) \(\*(.+)\*\)(?: -- )?", r"\1 -- \2 ", line).rstrip()
+
+
+def skip_foreign(app: Sphinx, what: str, name: str, member: object, skip: bool, options: object) -> bool:
+    """Leave out what a class got from elsewhere, such as scikit-learn's request methods."""
+    return skip or not getattr(member, "__module__", "gmmcd_teach").startswith("gmmcd_teach")
 
 
 class Chapter(SphinxRole):
@@ -133,8 +159,11 @@ class Chapter(SphinxRole):
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
+    autosummary.WELL_KNOWN_ABBREVIATIONS += ("Eq.", "Eqs.")  # do not end a summary there
     app.add_role("chapter", Chapter())
     app.add_directive("chapter-map", ChapterMap)
     app.add_directive("room", Room)
-    app.connect("autodoc-process-docstring", link_chapters)
+    app.add_directive("rooms", Rooms)
+    app.connect("autodoc-process-docstring", polish, priority=600)
+    app.connect("autodoc-skip-member", skip_foreign)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 from sphinx.application import Sphinx
 
@@ -20,10 +21,18 @@ def chapters_wanted() -> list[str]:
     return os.environ.get("BOOK_ONLY", "").replace(",", " ").split()
 
 
+def read_all_again(app: Sphinx, error: Exception | None) -> None:
+    """Sphinx repeats a warning only when it reads the page again: after a warning, the next build reads all pages."""
+    if error is None and app._warncount:
+        (Path(app.doctreedir) / "environment.pickle").unlink(missing_ok=True)
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     app.srcdir = type(app.srcdir)(ROOT)
     app.confdir = type(app.confdir)(ROOT / "book")
     app.config.external_toc_path = str(ROOT / "_toc.yml")  # type: ignore[attr-defined]
     app.config.nitpicky = True  # type: ignore[attr-defined]
     app.keep_going = not chapters_wanted()  # read on after a warning, then exit 1
-    return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
+    app.connect("build-finished", read_all_again)
+    extensions = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+    return {"version": "1", "env_version": crc32(extensions), "parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,113 @@
+"""The quadratic features of points, in which the logarithm of a Gaussian is linear (chapters 5 and 13)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gmmcd_teach.clouds import CloudError, Floats
+from gmmcd_teach.mixture import BLOCK, GaussianMixture, cholesky_factors
+
+
+class Block(NamedTuple):
+    """Some points, stored by columns so that both matrix products run over contiguous memory.
+
+    Attributes
+    ----------
+    features : (F + 1, B) the features of B points; the last row is minus their log-density of the E-step before,
+        so that a product with it gives log-densities relative to that, which the exponential can take as they are.
+    counts : (B,) how many points each column stands for.
+    """
+
+    features: Floats
+    counts: Floats
+
+
+def quadratic_features(points: Floats) -> Floats:
+    """(F, N) rows 1, x_i, x_i x_j with i <= j: all that a Gaussian asks of a point; F = 1 + P.
+
+    Examples
+    --------
+    >>> quadratic_features(np.array([[2.0, 3.0]]))[:, 0]
+    array([1., 2., 3., 4., 6., 9.])
+    """
+    n, d = points.shape
+    i, j = np.triu_indices(d)
+    x = np.ascontiguousarray(points.T)
+    return np.concatenate([np.ones((1, n)), x, x[i] * x[j]])
+
+
+def blocks_of(features: Floats, counts: Floats) -> list[Block]:
+    """Cut (F, N) features and their (N,) counts into blocks whose densities fit the processor's cache.
+
+    Examples
+    --------
+    >>> [block.features.shape for block in blocks_of(np.ones((6, 1500)), np.ones(1500))]
+    [(7, 1024), (7, 476)]
+    """
+    cuts = [slice(start, start + BLOCK) for start in range(0, len(counts), BLOCK)]
+    return [Block(np.concatenate([features[:, cut], np.zeros((1, len(counts[cut])))]), counts[cut]) for cut in cuts]
+
+
+def average_over_cells(points: Floats, features: Floats, counts: Floats, cell_size: float) -> tuple[Floats, Floats]:
+    """(F, M) mean features and (M,) counts of the M occupied cubes of edge `cell_size`.
+
+    A cube's mean features hold its mean and its second moment, so sums over cubes equal sums over points wherever all
+    points of a cube have the same responsibilities (Verbeek, Nunnink & Vlassis 2006).
+
+    Examples
+    --------
+    >>> x = np.array([[0.1], [0.3], [1.5]])
+    >>> average_over_cells(x, quadratic_features(x), np.ones(3), 1.0)[0].round(2).tolist()
+    [[1.0, 1.0], [0.2, 1.5], [0.05, 2.25]]
+    """
+    steps = np.floor((points - points.min(axis=0)) / cell_size)
+    if np.prod(steps.max(axis=0) + 1) > 2**62:
+        raise CloudError(f"cell_size = {cell_size}: too many cells between the farthest points; take larger cells")
+    _, member = np.unique(
+        np.ravel_multi_index(steps.astype(np.int64).T, (steps.max(axis=0) + 1).astype(np.int64)), return_inverse=True
+    )
+    total = np.asarray(np.bincount(member, counts), dtype=np.float64)  # (M,)
+    kept = total > 0
+    return np.stack([np.bincount(member, counts * row)[kept] for row in features]) / total[kept], total[kept]
+
+
+def natural_parameters(mixture: GaussianMixture) -> Floats:
+    """(K, F) coefficients eta with log alpha_k + log p(s | theta_k) = eta_k . features(s).
+
+    Examples
+    --------
+    >>> one = GaussianMixture([1.0], [[2.0]], [[[1.0]]])
+    >>> abs((natural_parameters(one) @ quadratic_features(np.array([[2.0]])) + np.log(2 * np.pi) / 2).item()) < 1e-15
+    True
+    """
+    d = mixture.n_dimensions
+    i, j = np.triu_indices(d)
+    factors = np.linalg.inv(cholesky_factors(mixture.covariances))  # (K, D, D)
+    precisions = factors.swapaxes(1, 2) @ factors  # Sigma^-1
+    linear = (precisions @ mixture.means[:, :, None])[:, :, 0]  # (K, D)
+    half_log_det = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+    constant = (
+        np.log(mixture.weights) + half_log_det - d / 2 * np.log(2 * np.pi) - 0.5 * (linear * mixture.means).sum(axis=1)
+    )
+    return np.column_stack([constant, linear, precisions[:, i, j] * np.where(i == j, -0.5, -1.0)])
+
+
+def moments(sums: Floats, covariance_floor: float) -> tuple[Floats, Floats, Floats]:
+    """Support (K,), means (K, D) and covariances (K, D, D) from (K, F) sums of w_ik times features (Eqs. 9 and 10).
+
+    Examples
+    --------
+    >>> support, means, covariances = moments(np.array([[4.0, 8.0, 20.0]]), 0.0)
+    >>> float(support[0]), float(means[0, 0]), float(covariances[0, 0, 0])
+    (4.0, 2.0, 1.0)
+    """
+    support = sums[:, 0]
+    d = int(np.sqrt(2 * sums.shape[1] + 0.25) - 1.5)  # F = (D + 1) (D + 2) / 2
+    i, j = np.triu_indices(d)
+    means = sums[:, 1 : 1 + d] / support[:, None]
+    upper = sums[:, 1 + d :] / support[:, None] - means[:, i] * means[:, j]
+    covariances = np.empty((len(sums), d, d))
+    covariances[:, i, j] = covariances[:, j, i] = upper
+    return support, means, covariances + covariance_floor * np.eye(d)

@@ -1,0 +1,160 @@
+"""The Gaussian mixture: a weighted sum of Gaussians, its densities and its responsibilities (chapter 4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gmmcd_teach.clouds import CloudError, Floats, check_points
+
+BLOCK = 1024  # points handled at a time: K of their densities fit the processor's cache
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianMixture:
+    """A mixture Theta = {alpha_k, mu_k, Sigma_k} of K Gaussians in D dimensions (Eqs. 1 and 2).
+
+    Parameters
+    ----------
+    weights : (K,) alpha, non-negative, summing to 1.
+    means : (K, D) mu, metres.
+    covariances : (K, D, D) Sigma, square metres, symmetric and positive definite.
+
+    Raises
+    ------
+    CloudError
+        The shapes disagree, a number is not finite, the weights are negative or do not sum to 1,
+        or a covariance is not symmetric or not positive definite.
+
+    Examples
+    --------
+    >>> coin = GaussianMixture([0.5, 0.5], [[-1.0], [1.0]], [[[0.1]], [[0.1]]])
+    >>> coin.assign([[-0.8], [2.0]])
+    array([0, 1])
+    """
+
+    weights: Floats
+    means: Floats
+    covariances: Floats
+
+    def __post_init__(self) -> None:
+        for name in ("weights", "means", "covariances"):
+            try:
+                array = np.array(getattr(self, name), dtype=np.float64)
+            except (TypeError, ValueError):
+                raise CloudError(f"mixture {name}: not an array of numbers") from None
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        k, d = self.means.shape if self.means.ndim == 2 else (0, 0)
+        if k * d == 0 or self.weights.shape != (k,) or self.covariances.shape != (k, d, d):
+            shapes = f"{self.weights.shape}, {self.means.shape}, {self.covariances.shape}"
+            raise CloudError(
+                f"mixture: weights, means, covariances of shapes {shapes}; expected (K,), (K, D), (K, D, D)"
+            )
+        if not all(np.isfinite(a).all() for a in (self.weights, self.means, self.covariances)):
+            raise CloudError("mixture: NaN or infinity among weights, means or covariances")
+        if self.weights.min() < 0 or abs(self.weights.sum() - 1) > 1e-8:
+            raise CloudError(
+                f"mixture weights: from {self.weights.min():.3g}, sum {self.weights.sum():.9g}; expected >= 0, sum 1"
+            )
+        cholesky_factors(self.covariances)
+
+    @property
+    def n_components(self) -> int:
+        """K, the number of Gaussians."""
+        return len(self.weights)
+
+    @property
+    def n_dimensions(self) -> int:
+        """D, the dimension of the points."""
+        return self.means.shape[1]
+
+    def log_joint(self, points: ArrayLike) -> Floats:
+        """(K, N) log alpha_k + log p(s_i | theta_k): the terms of the sum in Eq. 1, components as rows.
+
+        Each distance is taken from the component's own mean, so nothing is lost far from the origin.
+        """
+        s = self._check(points)
+        factors = np.linalg.inv(cholesky_factors(self.covariances))  # (K, D, D): Sigma^-1 = W^T W
+        log_volume = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)  # (K,) -log |Sigma| / 2
+        with np.errstate(divide="ignore"):  # a weight of 0 has the logarithm -inf
+            peak = np.log(self.weights) + log_volume - self.n_dimensions / 2 * np.log(2 * np.pi)  # (K,)
+        z = (factors[k] @ (s - self.means[k]).T for k in range(self.n_components))  # (D, N) each, whitened
+        return np.stack([peak[k] - 0.5 * (z_k**2).sum(axis=0) for k, z_k in enumerate(z)])
+
+    def log_density(self, points: ArrayLike) -> Floats:
+        """(N,) log p(s_i | Theta), the logarithm of Eq. 1, by log-sum-exp."""
+        return self._in_blocks(points, lambda s: _log_sum_exp(self.log_joint(s)))
+
+    def responsibilities(self, points: ArrayLike) -> Floats:
+        """(N, K) posterior w_ik that component k produced point i (Eqs. 3 and 7, put right); rows sum to 1."""
+
+        def posterior(s: Floats) -> Floats:
+            log_joint = self.log_joint(s)
+            return np.exp(log_joint - _log_sum_exp(log_joint)).T
+
+        return self._in_blocks(points, posterior)
+
+    def assign(self, points: ArrayLike) -> NDArray[np.intp]:
+        """(N,) the component of largest posterior, weights included."""
+        return self._in_blocks(points, lambda s: self.log_joint(s).argmax(axis=0))
+
+    def log_likelihood(self, points: ArrayLike) -> float:
+        """The sum of the log-densities of the points (Eq. 4), in nats."""
+        return float(self.log_density(points).sum())
+
+    def subset(self, indices: ArrayLike) -> GaussianMixture:
+        """The mixture of the named components alone, re-normalised to total weight 1."""
+        kept = np.atleast_1d(np.asarray(indices))
+        if kept.size == 0 or self.weights[kept].sum() <= 0:
+            raise CloudError("mixture subset: no component of positive weight left; keep at least one")
+        weights = self.weights[kept]
+        return GaussianMixture(weights / weights.sum(), self.means[kept], self.covariances[kept])
+
+    def sample(self, n: int, rng: int | np.random.Generator = 0) -> Floats:
+        """(n, D) points drawn from the mixture."""
+        if n < 1:
+            raise ValueError(f"n = {n}; expected at least 1")
+        rng = np.random.default_rng(rng)
+        k = rng.choice(self.n_components, size=n, p=self.weights)  # (n,)
+        noise = rng.standard_normal((n, self.n_dimensions, 1))
+        return self.means[k] + (cholesky_factors(self.covariances)[k] @ noise)[..., 0]
+
+    def _check(self, points: ArrayLike) -> Floats:
+        return check_points(points, dimensions=(self.n_dimensions,))
+
+    def _in_blocks(self, points: ArrayLike, function: Callable[[Floats], NDArray[Any]]) -> NDArray[Any]:
+        s = self._check(points)
+        return np.concatenate([function(s[start : start + BLOCK]) for start in range(0, len(s), BLOCK)])
+
+
+def cholesky_factors(covariances: Floats) -> Floats:
+    """(K, D, D) lower triangles with Sigma_k = C C^T; a CloudError names the component that has none.
+
+    Examples
+    --------
+    >>> float(cholesky_factors(np.array([[[4.0]]]))[0, 0, 0])
+    2.0
+    """
+    scale = np.abs(covariances).max(initial=0.0)
+    skew = np.abs(covariances - covariances.swapaxes(1, 2)).max(axis=(1, 2))  # (K,)
+    if (skew > 1e-8 * scale).any():
+        raise CloudError(f"covariance of component {skew.argmax()}: not symmetric")
+    try:
+        return np.linalg.cholesky(covariances)
+    except np.linalg.LinAlgError:
+        smallest = np.linalg.eigvalsh(covariances)[:, 0]  # (K,)
+        k = int(smallest.argmin())
+        message = f"smallest eigenvalue {smallest[k]:.3g}, not positive definite; raise covariance_floor"
+        raise CloudError(f"covariance of component {k}: {message}") from None
+
+
+def _log_sum_exp(log_joint: Floats) -> Floats:
+    """(N,) log of the sum over components of (K, N) exponentials, the largest taken out first."""
+    top = log_joint.max(axis=0)
+    total = np.exp(log_joint - top).sum(axis=0)
+    return np.asarray(top + np.log(total), dtype=np.float64)

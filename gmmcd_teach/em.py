@@ -113,7 +113,7 @@ def fit_mixture(
     ----------
     points : (N, D) metres, N >= max_components.
     max_components, min_components : K and K_min. Where they are equal K stays fixed and every M-step is the plain one.
-    tol : tau: EM at one K ends when the log-likelihood changes by less than tol relative to itself (Eq. 14 is absolute).
+    tol : tau: EM at one K ends when the log-likelihood changes by less than this share of itself (Eq. 14: absolute).
     max_iter : L, the most M-steps at each K.
     update : "batch" changes all components at once (the paper), "componentwise" one after the other (its code).
     init : "random" or "kmeans++", how the first means are drawn from the points.

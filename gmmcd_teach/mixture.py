@@ -145,7 +145,7 @@ def cholesky_factors(covariances: Floats) -> Floats:
     if (skew > 1e-8 * scale).any():
         raise CloudError(f"covariance of component {skew.argmax()}: not symmetric")
     try:
-        return np.linalg.cholesky(covariances)
+        return np.asarray(np.linalg.cholesky(covariances), dtype=np.float64)
     except np.linalg.LinAlgError:
         smallest = np.linalg.eigvalsh(covariances)[:, 0]  # (K,)
         k = int(smallest.argmin())

@@ -136,7 +136,7 @@ def player(
             frames(axes, i)
         else:
             figure = frames[i]
-        pictures.append(png(figure, dpi=150, n_colors=64))
+        pictures.append(png(figure, dpi=150, n_colors=128))
         width = max(width, 100 * figure.get_figwidth())
         plt.close(figure)
     return Player(tuple(pictures), names, alt, caption, width, pause)

@@ -44,7 +44,7 @@ def checked_alt(alt: str) -> str:
     return " ".join(alt.split())
 
 
-def png(figure: Figure, *, dpi: float = 200, n_colors: int = 128) -> bytes:
+def png(figure: Figure, *, dpi: float = 200, n_colors: int = 255) -> bytes:
     """Return the figure as a small PNG of at most `n_colors` (1 to 256) colours."""
     from PIL import Image
 

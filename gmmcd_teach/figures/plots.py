@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.collections import LineCollection
+from matplotlib.patches import Ellipse
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from .style import CYCLE, INK, color_of, distinct_colors
 
 if TYPE_CHECKING:
+    from gmmcd_teach.em import Record
+    from gmmcd_teach.metrics import Confusion
     from gmmcd_teach.mixture import GaussianMixture
 
 Floats = NDArray[np.float64]
@@ -50,8 +54,16 @@ def _metric_axes(ax: Axes | None, plane: str) -> Axes:
     ax = ax or plt.subplots()[1]
     names = re.findall("-?[xyz]", plane)
     ax.set(xlabel=f"{names[0]} [m]", ylabel=f"{names[1]} [m]")
-    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_aspect("equal", adjustable="box")
     return ax
+
+
+def _legend_beside(ax: Axes, markerscale: float = 2.0) -> None:
+    """Name each thing once, where the legend covers no data."""
+    handles, labels = ax.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    place: dict[str, Any] = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0), "facecolor": "none"}
+    ax.legend(list(unique.values()), list(unique), markerscale=markerscale, **place)
 
 
 def split(n: int, meaning: str, masks: Mapping[str, ArrayLike] | None) -> dict[str, NDArray[np.intp]]:
@@ -74,6 +86,32 @@ def split(n: int, meaning: str, masks: Mapping[str, ArrayLike] | None) -> dict[s
     return {meaning: np.flatnonzero(left), **groups}
 
 
+def evenly(n: int, most: int) -> NDArray[np.intp]:
+    """Return at most `most` of the indices 0 to n - 1, ascending, spread without a pattern; the same ones every time.
+
+    Examples
+    --------
+    >>> len(evenly(1000, 10)), len(evenly(3, 10))
+    (10, 3)
+    """
+    return np.arange(n) if n <= most else np.sort(np.random.default_rng(0).permutation(n)[:most])
+
+
+def fair_shares(sizes: Sequence[int], total: int) -> list[int]:
+    """Return how many of each group to draw, `total` in all: small groups whole, the large ones alike.
+
+    Examples
+    --------
+    >>> fair_shares([1000, 10, 500], 410)
+    [200, 10, 200]
+    """
+    shares, left = [0] * len(sizes), total
+    for rank, i in enumerate(sorted(range(len(sizes)), key=lambda i: sizes[i])):
+        shares[i] = min(sizes[i], left // (len(sizes) - rank))
+        left -= shares[i]
+    return shares
+
+
 def plot_clouds(
     points: ArrayLike,
     *,
@@ -85,6 +123,7 @@ def plot_clouds(
     label: str | None = None,
     plane: str = "xy",
     size: float = 1.0,
+    max_points: int = 30_000,
     ax: Axes | None = None,
 ) -> Axes:
     """Draw points (N, D) seen along an axis, coloured by what they mean; call again on `ax` to lay one over another.
@@ -98,23 +137,30 @@ def plot_clouds(
     values : (N,) float instead: a colour scale, named by `value_label`.
     label : legend text in place of the name of the meaning.
     plane : axes to the right and up, "xy" from above; "x-y" flips y, as for a camera's frame.
+    size : area of a point, square points (1/72 inch).
+    max_points : the groups share this many points, small groups first; the others are left out evenly.
     """
     points = np.asarray(points, dtype=np.float64)
     ax = _metric_axes(ax, plane)
     flat = points @ plane_matrix(plane, points.shape[1])  # (N, 2)
-    style: dict[str, Any] = {"s": size, "linewidths": 0, "rasterized": True}
+    style: dict[str, Any] = {"s": size, "linewidths": 0, "antialiased": False}
+    if values is not None or groups is not None:
+        few = evenly(len(points), max_points)
     if values is not None:
-        drawn = ax.scatter(flat[:, 0], flat[:, 1], c=np.asarray(values), **style)
+        drawn = ax.scatter(flat[few, 0], flat[few, 1], c=np.asarray(values)[few], **style)
         ax.figure.colorbar(drawn, ax=ax, label=value_label, shrink=0.8)
     elif groups is not None:
-        numbers = np.asarray(groups)
-        ax.scatter(flat[:, 0], flat[:, 1], c=np.array(CYCLE)[numbers % len(CYCLE)], **style)
+        colors = np.array(CYCLE)[np.asarray(groups)[few] % len(CYCLE)]
+        ax.scatter(flat[few, 0], flat[few, 1], c=list(colors), **style)
     else:
-        for name, chosen in split(len(points), meaning, masks).items():
+        parts = split(len(points), meaning, masks)
+        shares = fair_shares([len(chosen) for chosen in parts.values()], max_points)
+        for (name, everyone), share in zip(parts.items(), shares, strict=True):
             shown = (label or name) if name == meaning else name
+            chosen = everyone[evenly(len(everyone), share)]
             if len(chosen):
                 ax.scatter(flat[chosen, 0], flat[chosen, 1], color=color_of(name), label=shown, **style)
-        ax.legend(markerscale=max(1.0, 4 / size**0.5), loc="best")
+        _legend_beside(ax, markerscale=max(1.0, 5 / size**0.5))
     return ax
 
 
@@ -151,17 +197,14 @@ def plot_mixture(
         for k in chosen:
             color = colors[k] or color_of(name)
             alpha = 0.12 + 0.45 * float(mixture.weights[k] / mixture.weights.max())
-            shape = {"units": "xy", "offsets": means[k], "offset_transform": ax.transData}
-            sizes = (widths[k], heights[k], angles[k])
-            ax.add_collection(EllipseCollection(*sizes, facecolor=color, alpha=alpha, **shape))
-            ax.add_collection(EllipseCollection(*sizes, facecolor="none", edgecolor=color, linewidth=1.4, **shape))
+            for face, edge, opacity in ((color, "none", alpha), ("none", color, 1.0)):
+                look: dict[str, Any] = {"facecolor": face, "edgecolor": edge, "alpha": opacity, "linewidth": 1.4}
+                ax.add_patch(Ellipse((means[k, 0], means[k, 1]), widths[k], heights[k], angle=angles[k], **look))
         if len(chosen) and not groups:
             shown = (label or name) if name == meaning else name
             ax.scatter(means[chosen, 0], means[chosen, 1], color=color_of(name), s=9, label=shown)
     for k, mean in enumerate(means if numbers else []):
         ax.annotate(str(k), mean, ha="center", va="center", fontsize=9, fontweight="bold")
-    reach = np.abs(np.stack([widths, heights])).max(axis=0)[:, None] / 2
-    ax.update_datalim(np.concatenate([means - reach, means + reach]))
     ax.autoscale_view()
     return ax
 
@@ -180,43 +223,46 @@ def ellipse_axes(covariances: ArrayLike, n_std: float = 2.0) -> tuple[Floats, Fl
     return extents[:, 1], extents[:, 0], angles
 
 
-def plot_history(history: Iterable[Any], *, over: str = "n_components", ax: Axes | None = None) -> Axes:
-    """Draw the path of `fit_mixture`: description length and log-likelihood as components are taken away.
+def plot_history(history: Sequence[Record], *, over: str = "n_components", ax: Axes | None = None) -> Axes:
+    """Draw the path of `fit_mixture`: description length and log-likelihood (nats) as components are taken away.
 
     Parameters
     ----------
-    history : records with n_components, log_likelihood (nats), description_length (nats), event: MixtureFit.history.
-    over : "n_components" for the value reached at each K, the star at the least; "iteration" for every record.
+    history : MixtureFit.history; its last steps, the polish on all points, are left out.
+    over : "n_components" for the value reached at each K; "iteration" for every record, with a mark where components
+        died or were removed. The star is the least description length.
 
     Raises
     ------
     ValueError
         Another `over`, or no records.
     """
-    records = list(history)
-    if over not in ("n_components", "iteration") or not records:
-        raise ValueError(f"over {over!r}: 'n_components' or 'iteration'; and at least one record, not {len(records)}")
-    counts = np.array([record.n_components for record in records])
-    lengths = np.array([record.description_length for record in records], dtype=np.float64)
-    likelihoods = np.array([record.log_likelihood for record in records], dtype=np.float64)
+    events = np.array([record.event for record in history])
+    path = history[: int(np.argmax(events == "polish")) if "polish" in events else len(events)]
+    if over not in ("n_components", "iteration") or not path:
+        raise ValueError(f"over {over!r}: 'n_components' or 'iteration'; and at least one record, not {len(path)}")
+    counts, lengths, likelihoods = np.array(
+        [(record.n_components, record.description_length, record.log_likelihood) for record in path]
+    ).T
     ax = ax or plt.subplots()[1]
-    x = np.arange(len(records))
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ends = np.flatnonzero(np.append(counts[1:] != counts[:-1], True))  # the last record at each K
+    shown, x, marker = np.arange(len(path)), np.arange(len(path)), ""
     if over == "n_components":
-        last = np.flatnonzero(np.append(counts[1:] != counts[:-1], True))
-        x, lengths, likelihoods = counts[last], lengths[last], likelihoods[last]
+        shown, x, marker = ends, counts, "."
         ax.invert_xaxis()
-    ax.plot(x, lengths, color=CYCLE[0], marker="o" if over == "n_components" else "", ms=3, label="description length")
-    ax.plot(x, -likelihoods, color=CYCLE[1], ls="--", label="minus log-likelihood")
-    best = int(np.argmin(lengths))
-    ax.plot(
-        x[best],
-        lengths[best],
-        "*",
-        ms=14,
-        color=CYCLE[5],
-        label=f"least: K = {counts[last][best]}" if over == "n_components" else f"least: K = {counts[best]}",
-    )
-    ax.set(xlabel="components K" if over == "n_components" else "record", ylabel="nats")
+    ax.plot(x[shown], lengths[shown], color=CYCLE[0], marker=marker, label="description length")
+    ax.plot(x[shown], -likelihoods[shown], color=CYCLE[1], ls="--", label="minus log-likelihood")
+    if over == "iteration":
+        for event, mark in (("annihilated", "v"), ("removed", "|")):
+            chosen = np.flatnonzero(events[: len(path)] == event)
+            if len(chosen):
+                ax.plot(chosen, lengths[chosen], mark, ms=7, color=INK, label=event)
+    best = shown[np.argmin(lengths[shown])]
+    low, high = -likelihoods[best], lengths[ends].max()  # what a removal throws up for a moment may leave the picture
+    ax.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
+    ax.plot(x[best], lengths[best], "*", ms=14, color=CYCLE[2], label=f"least: K = {counts[best]:.0f}")
+    ax.set(xlabel="components K" if over == "n_components" else "M-steps and starts", ylabel="nats")
     ax.legend()
     return ax
 
@@ -249,7 +295,7 @@ def plot_flow(
     widths = widest * flow[rows, columns] / flow.max(initial=1e-300)
     lines = LineCollection(list(segments), linewidths=widths, colors=INK, alpha=0.6, capstyle="round", zorder=3)
     ax.add_collection(lines)
-    ax.legend()
+    _legend_beside(ax)
     return ax
 
 
@@ -277,7 +323,7 @@ def plot_extraction(
     return ax
 
 
-def plot_confusion(confusion: Any, *, title: str = "", ax: Axes | None = None) -> Axes:
+def plot_confusion(confusion: Confusion, *, title: str = "", ax: Axes | None = None) -> Axes:
     """Draw the four counts of a Confusion (tp, fp, fn, tn) as a table, prediction in rows, truth in columns."""
     counts = np.array([[confusion.tp, confusion.fp], [confusion.fn, confusion.tn]])
     ax = ax or plt.subplots(figsize=(3.2, 2.6))[1]
@@ -323,9 +369,7 @@ def plot_scores(
     for name, value in (published or {}).items():
         middle = categories.index(name)
         ax.hlines(value, middle - 0.45, middle + 0.45, color=INK, lw=2, ls=":", label="the paper")
-    handles, labels = ax.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    ax.legend(unique.values(), unique.keys(), loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    _legend_beside(ax)
     ax.set(ylabel=ylabel, xticks=range(len(categories)))
     ax.set_xticklabels(categories)
     ax.grid(axis="x", visible=False)

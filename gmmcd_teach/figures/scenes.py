@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gmmcd_teach.clouds import check_points
 
-from .plots import split
+from .plots import evenly, fair_shares, split
 from .style import CYCLE, color_of
 
 if TYPE_CHECKING:
@@ -250,8 +250,8 @@ CAMERAS: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, floa
 """Name -> direction of sight and up. "sensor": for points in a camera's frame, from behind it and a little above."""
 
 
-def fitted_camera(points: ArrayLike, name: str = "oblique", *, aspect: float = 1.0) -> Camera:
-    """Return the named camera, as close as it can be with all but the outermost points (N, 3) in its picture.
+def fitted_camera(meshes: Sequence[Mesh], name: str = "oblique", *, aspect: float = 1.0) -> Camera:
+    """Return the named camera, as close as it can be with all lines and all but the outermost points in its picture.
 
     `aspect` is the picture's width / height.
 
@@ -262,12 +262,11 @@ def fitted_camera(points: ArrayLike, name: str = "oblique", *, aspect: float = 1
     """
     if name not in CAMERAS:
         raise ValueError(f"camera {name!r}: not one of {', '.join(CAMERAS)}, nor a Camera")
-    points = np.asarray(points, dtype=np.float64)
-    low, high = np.quantile(points, [0.005, 0.995], axis=0)
-    middle = (low + high) / 2
+    points = np.concatenate([mesh.vertices if mesh.lines is not None else _inner(mesh.vertices) for mesh in meshes])
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
     forward, up = (np.array(vector, dtype=np.float64) for vector in CAMERAS[name])
     axes = np.stack(_camera_axes(forward, up), axis=1)
-    seen = np.clip(points, low, high) @ axes - middle @ axes
+    seen = (points - middle) @ axes
     needed = np.abs(seen[:, :2] / [aspect, 1]).max(axis=1) / np.tan(np.radians(VIEW_ANGLE / 2)) - seen[:, 2]
     position = middle - 1.05 * max(float(needed.max()), 1e-3) * axes[:, 2]
     return Camera(_triple(position), _triple(middle), _triple(up))
@@ -278,18 +277,19 @@ def thinned(meshes: Sequence[Mesh], max_points: int) -> list[Mesh]:
 
     Which points stay depends on their number alone, so that the same view is the same page.
     """
-    clouds = sorted((i for i, mesh in enumerate(meshes) if is_cloud(mesh)), key=lambda i: len(meshes[i].vertices))
-    result, left = list(meshes), max_points
-    for rank, i in enumerate(clouds):
-        n = len(meshes[i].vertices)
-        share = min(n, left // (len(clouds) - rank))
-        left -= share
-        kept = np.sort(np.random.default_rng(0).permutation(n)[:share])
-        color = meshes[i].color
-        result[i] = replace(
-            meshes[i], vertices=meshes[i].vertices[kept], color=color if isinstance(color, str) else color[kept]
-        )
+    clouds = [i for i, mesh in enumerate(meshes) if is_cloud(mesh)]
+    shares = fair_shares([len(meshes[i].vertices) for i in clouds], max_points)
+    result = list(meshes)
+    for i, share in zip(clouds, shares, strict=True):
+        vertices, color = meshes[i].vertices, meshes[i].color
+        kept = evenly(len(vertices), share)
+        result[i] = replace(meshes[i], vertices=vertices[kept], color=color if isinstance(color, str) else color[kept])
     return result
+
+
+def _inner(points: Floats) -> Floats:
+    """Pull the outermost half per cent of the points in along each axis."""
+    return np.clip(points, *np.quantile(points, [0.005, 0.995], axis=0))
 
 
 def _triple(vector: Floats) -> tuple[float, float, float]:

@@ -15,13 +15,13 @@ COLORS: Mapping[str, str] = MappingProxyType(
         "unchanged": "#999999",
         "hidden": "#CCCCCC",
         "truth": "#1F2328",
-        "camera": "#5B4A8A",
+        "camera": "#5A6472",
     }
 )
 """Meaning -> colour (Okabe and Ito's palette, safe for colour-blind readers), the same in every figure and view."""
 
-CYCLE = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#7A6A00", "#5B4A8A")
-"""Colours for things that only need telling apart: components, methods."""
+CYCLE = ("#332288", "#44AA99", "#CC6677", "#999933", "#AA4499", "#117733", "#882255", "#DDCC77")
+"""Colours that only tell things apart, as components or methods (Tol's muted palette): none has a meaning."""
 
 PAPER = "#F6F7F8"
 INK = "#1F2328"
@@ -53,7 +53,7 @@ def distinct_colors(n: int) -> list[str]:
     Examples
     --------
     >>> distinct_colors(2)
-    ['#0072B2', '#E69F00']
+    ['#332288', '#44AA99']
     """
     return list(islice(cycle(CYCLE), n))
 
@@ -86,7 +86,9 @@ def use_style() -> None:
             "axes.axisbelow": True,
             "grid.color": "#E3E6E9",
             "grid.linewidth": 0.7,
-            "legend.frameon": False,
+            "legend.facecolor": "white",
+            "legend.edgecolor": "none",
+            "legend.framealpha": 0.85,
             "lines.linewidth": 1.8,
             "axes.prop_cycle": plt.cycler(color=list(CYCLE)),
             "image.cmap": "viridis",

@@ -133,8 +133,7 @@ def view(
     if max_points < 1 or height < 1:
         raise ValueError(f"max_points = {max_points}, height = {height}; both must be at least 1")
     if isinstance(camera, str):
-        vertices = np.concatenate([mesh.vertices for mesh in meshes])
-        camera = fitted_camera(vertices, camera, aspect=_aspect(len(drawn)))
+        camera = fitted_camera(meshes, camera, aspect=_aspect(len(drawn)))
     fewer = iter(thinned(meshes, max_points))
     return View({title: [next(fewer) for _ in panel] for title, panel in drawn.items()}, camera, alt, caption, height)
 
@@ -337,7 +336,7 @@ def _still(view: View) -> bytes:
         handles, labels = ax.get_legend_handles_labels()
         keys |= dict(zip(labels, handles, strict=True))
     figure.legend(list(keys.values()), list(keys), loc="outside lower center", ncols=3, frameon=False, markerscale=4)
-    return png(figure, dpi=150, n_colors=64)
+    return png(figure, dpi=150)
 
 
 def _draw(ax: Axes, mesh: Mesh, camera: Camera) -> None:

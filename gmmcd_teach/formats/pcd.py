@@ -22,6 +22,7 @@ from gmmcd_teach.formats.lzf import RATIO, decompress
 from gmmcd_teach.formats.text import parse_rows
 
 TYPES = {f"{kind}{size}" for kind, sizes in (("F", "48"), ("I", "1248"), ("U", "1248")) for size in sizes}
+ROUNDING = 1e-5  # m
 Layout = list[tuple[str, np.dtype[Any], int]]  # name, type and COUNT of each field
 
 
@@ -127,7 +128,15 @@ READERS = {
 
 
 def write_pcd(file: BinaryIO, fields: Fields) -> None:
-    """Write one-dimensional fields as a binary .pcd, every number in the type that it has."""
+    """Write one-dimensional fields as a binary .pcd, every number in the type that it has.
+
+    Coordinates are the exception: most readers know them as float32 only, so that they are written where it moves
+    no point by more than ROUNDING.
+    """
+    with np.errstate(over="ignore"):
+        rounded: Fields = {axis: fields[axis].astype(np.float32) for axis in ("x", "y", "z")}
+    if max(np.abs(rounded[axis] - fields[axis]).max() for axis in rounded) <= ROUNDING:
+        fields = fields | rounded
     types = [column.dtype for column in fields.values()]
     header = {
         "VERSION": "0.7",

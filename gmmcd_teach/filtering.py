@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 from gmmcd_teach.clouds import CloudError, Floats, check_points
 
 QUERY_BLOCK = 20_000  # points asked of the tree at once: its answer has n_neighbors columns
-TABLE_CELLS = 1 << 24  # a grid of up to so many cells is numbered by a table, a larger one by sorting
+TABLE_CELLS, TABLE_SPARSITY = 1 << 24, 64  # a grid of at most so many cells, and cells per point, is kept as a table
 
 
 def statistical_outlier_mask(points: ArrayLike, n_neighbors: int = 50, std_ratio: float = 1.0) -> NDArray[np.bool_]:
@@ -126,7 +126,7 @@ def _number(cells: Floats) -> NDArray[np.int64]:
     key = np.zeros(cells.shape[1], dtype=np.int64)
     for axis in cells.astype(np.int64):
         key = key * (axis.max() + 1) + axis
-    if key.max() >= TABLE_CELLS:
+    if key.max() >= min(TABLE_CELLS, TABLE_SPARSITY * len(key)):
         return np.unique(key, return_inverse=True)[1]
     occupied = np.zeros(key.max() + 1, dtype=bool)
     occupied[key] = True

@@ -44,7 +44,8 @@ def fingerprint(notebook: nbformat.NotebookNode) -> str:
     """Everything that the outputs depend on, in 16 characters."""
     scans = Path(os.environ.get("GMMCD_TEACH_DATA", ROOT.parent / "shared" / "real"))
     digest = hashlib.sha256(f"{sys.version} {scans.is_dir()}".encode())
-    for path in [ROOT / "requirements.lock", ROOT / "pyproject.toml", *sorted((ROOT / "gmmcd_teach").rglob("*.py"))]:
+    package = sorted((ROOT / "gmmcd_teach").rglob("*.py"))
+    for path in [ROOT / "requirements.lock", ROOT / "pyproject.toml", *package, Path(__file__)]:
         digest.update(path.read_bytes())
     for cell in notebook.cells:
         if cell.cell_type == "code":
@@ -52,12 +53,13 @@ def fingerprint(notebook: nbformat.NotebookNode) -> str:
     return digest.hexdigest()[:16]
 
 
-class PeakMemory(threading.Thread):
-    """Samples the memory of a kernel and its children until `stop` is set."""
+class Meter(threading.Thread):
+    """Samples memory and computing time of a kernel and its children until `stop` is set."""
 
     def __init__(self, client: NotebookClient) -> None:
         super().__init__(daemon=True)
-        self.client, self.peak, self.stop = client, 0, threading.Event()
+        self.client, self.stop = client, threading.Event()
+        self.peak, self.computing = 0, 0.0  # bytes, seconds
 
     def run(self) -> None:
         while not self.stop.wait(0.2):
@@ -69,12 +71,13 @@ class PeakMemory(threading.Thread):
                 kernel = psutil.Process(pid)
                 family = [kernel, *kernel.children(recursive=True)]
                 self.peak = max(self.peak, sum(process.memory_info().rss for process in family))
+                self.computing = max(self.computing, sum(sum(process.cpu_times()[:4]) for process in family))
             except psutil.NoSuchProcess:  # a child that ended between the two calls
                 continue
 
 
 def run_notebook(path: Path, timeout: int) -> dict[str, Any]:
-    """Execute one notebook in an empty folder; return its outputs cell by cell, seconds and peak megabytes."""
+    """Execute one notebook in an empty folder; return its outputs cell by cell and what it cost."""
     notebook = nbformat.read(path, as_version=4)
     environment = os.environ | {"TQDM_DISABLE": "1", "PYTHONHASHSEED": "0"}
     for library in ("OMP", "OPENBLAS", "MKL"):  # one core for each of the two kernels
@@ -89,16 +92,17 @@ def run_notebook(path: Path, timeout: int) -> dict[str, Any]:
             resources={"metadata": {"path": empty}},
             extra_arguments=["--IPKernelApp.log_level=40"],  # errors only
         )
-        memory = PeakMemory(client)
-        memory.start()
+        meter = Meter(client)
+        meter.start()
         start = time.perf_counter()
         try:
             client.execute(env=environment)
         finally:
-            memory.stop.set()
+            meter.stop.set()
         seconds = time.perf_counter() - start
     outputs = [cell.outputs for cell in notebook.cells if cell.cell_type == "code"]
-    return {"outputs": outputs, "seconds": seconds, "megabytes": memory.peak / 1e6}
+    cost = {"seconds": seconds, "computing": meter.computing, "megabytes": meter.peak / 1e6}
+    return {"outputs": outputs, **cost}
 
 
 def stored(app: Sphinx, docname: str) -> Path:

@@ -27,6 +27,14 @@ def read_all_again(app: Sphinx, error: Exception | None) -> None:
         (Path(app.doctreedir) / "environment.pickle").unlink(missing_ok=True)
 
 
+def remove_old_pages(app: Sphinx, error: Exception | None) -> None:
+    """Pages whose source is gone or renamed would stay in the output folder."""
+    if error is None and app.builder.name == "html":
+        for page in [*Path(app.outdir, "book").rglob("*.html"), *Path(app.outdir, "notebooks").rglob("*.html")]:
+            if page.relative_to(app.outdir).with_suffix("").as_posix() not in app.env.found_docs:
+                page.unlink()
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     app.srcdir = type(app.srcdir)(ROOT)
     app.confdir = type(app.confdir)(ROOT / "book")
@@ -34,5 +42,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.config.nitpicky = True  # type: ignore[attr-defined]
     app.keep_going = not chapters_wanted()  # read on after a warning, then exit 1
     app.connect("build-finished", read_all_again)
+    app.connect("build-finished", remove_old_pages)
     extensions = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
     return {"version": "1", "env_version": crc32(extensions), "parallel_read_safe": True, "parallel_write_safe": True}

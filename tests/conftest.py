@@ -1,0 +1,16 @@
+"""What several test files need: the reference data beside the project."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder `../shared` with real clouds and reference results, or a skip that says so."""
+    folder = Path(__file__).resolve().parents[2] / "shared"
+    if not folder.is_dir():
+        pytest.skip("no folder ../shared with the reference data")
+    return folder

@@ -1,0 +1,306 @@
+"""The built book: both commands give the same pages, complete, linked, described, and with no need of a network.
+
+Slow: the book is built (from the outputs that `_build/.executed` holds for this very code, where it does).
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import nbformat
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+HTML = ROOT / "_build" / "html"
+BOUNDS = {"ten seconds": 10, "half a minute": 30, "one minute": 60, "two minutes": 120, "three minutes": 180}
+book = pytest.mark.xdist_group("book")  # one worker builds, and reads what it has built
+
+sys.path.insert(0, str(ROOT / "book" / "_ext"))
+
+
+# ---- reading pages -----------------------------------------------------------------------------------------------
+
+
+class Page(HTMLParser):
+    """What a page loads, links to, shows and names."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.links: list[str] = []
+        self.ids: set[str] = set()
+        self.images: list[dict[str, str]] = []
+        self.frames: list[dict[str, str]] = []
+        self.headings: list[str] = []
+        self._in_style = self._in_heading = False
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        found = {name: value or "" for name, value in attributes}
+        self._in_style = tag == "style"
+        if tag == "h1":
+            self._in_heading = True
+            self.headings.append("")
+        self.ids |= {found[name] for name in ("id", "name") if found.get(name)}
+        self.loads += [found[name] for name in ("src", "data", "poster") if tag != "a" and found.get(name)]
+        self.loads += [part.split()[0] for part in found.get("srcset", "").split(",") if part.split()]
+        self.loads += css_loads(found.get("style", ""))
+        if tag == "link" and not {"next", "prev", "index", "search", "canonical"} & set(found.get("rel", "").split()):
+            self.loads.append(found.get("href", ""))
+        elif tag in ("use", "image"):
+            self.loads += [found[name] for name in ("href", "xlink:href") if name in found]
+        elif tag == "a" and "href" in found:
+            self.links.append(found["href"])
+        elif tag == "img":
+            self.images.append(found)
+        elif tag == "iframe":
+            self.frames.append(found)
+            self.loads += Page(found["srcdoc"]).loads if "srcdoc" in found else []
+
+    def handle_data(self, data: str) -> None:
+        if self._in_style:
+            self.loads += css_loads(data)
+        if self._in_heading:
+            self.headings[-1] += data
+
+    def handle_endtag(self, tag: str) -> None:
+        self._in_style = False
+        if tag == "h1":
+            self._in_heading = False
+
+
+def css_loads(css: str) -> list[str]:
+    """Addresses that a style sheet loads, by url() or @import."""
+    css = re.sub(r"/\*.*?\*/", "", css, flags=re.DOTALL)
+    return re.findall(r"url\(\s*['\"]?([^'\")]+)", css) + re.findall(r"@import\s+['\"]([^'\"]+)", css)
+
+
+def from_network(addresses: list[str]) -> list[str]:
+    return [address for address in addresses if re.match(r"\s*(?:(?:https?|ftp|wss?):)?//", address, re.IGNORECASE)]
+
+
+@pytest.mark.parametrize(
+    "html",
+    [
+        '<script src="https://cdn.example/x.js"></script>',
+        '<script src="//cdn.example/x.js"></script>',
+        '<link rel="stylesheet" href="https://cdn.example/x.css">',
+        '<link rel="preconnect" href="https://fonts.example">',
+        '<img alt="" src="http://x.example/x.png">',
+        '<img alt="" srcset="a.png 1x, https://x.example/b.png 2x">',
+        '<iframe src="https://x.example"></iframe>',
+        """<iframe srcdoc='<script src="https://x.example/x.js"></script>'></iframe>""",
+        '<object data="https://x.example/x.svg"></object>',
+        "<style>@import 'https://fonts.example/x.css';</style>",
+        "<style>p { background: url( https://x.example/x.png ) }</style>",
+        """<p style="background: url('//x.example/x.png')">""",
+        '<svg><use href="https://x.example/x.svg#a"></use></svg>',
+    ],
+)
+def test_the_reader_notices_what_comes_from_the_network(html: str) -> None:
+    assert len(from_network(Page(html).loads)) == 1
+
+
+def test_the_reader_allows_links_and_local_files() -> None:
+    html = '<a href="https://x.example">x</a><script src="../x.js"></script><img src="data:image/png;base64,AA">'
+    assert from_network(Page(html).loads) == []
+
+
+# ---- the extension that runs notebooks ---------------------------------------------------------------------------
+
+
+def write_notebook(path: Path, *sources: str) -> Path:
+    kernel = {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}}
+    cells = [nbformat.v4.new_code_cell(source) for source in sources]
+    nbformat.write(nbformat.v4.new_notebook(cells=cells, metadata=kernel), path)
+    return path
+
+
+def test_a_notebook_runs_in_an_empty_folder_and_is_measured(tmp_path: Path) -> None:
+    from execution import run_notebook
+
+    path = write_notebook(tmp_path / "a.ipynb", "import os, time; time.sleep(0.5); os.listdir()", "6 * 7")
+    result = run_notebook(path, timeout=60)
+    assert [cell[0]["data"]["text/plain"] for cell in result["outputs"]] == ["[]", "42"]
+    assert 0.5 < result["seconds"] < 60
+    assert 0.1 < result["computing"] < 60
+    assert 20 < result["megabytes"] < 2000
+
+
+@pytest.mark.parametrize("source", ["1 / 0", "import time; time.sleep(60)"])
+def test_a_cell_that_fails_or_hangs_fails_the_build(tmp_path: Path, source: str) -> None:
+    from execution import run_notebook
+    from nbclient.exceptions import CellExecutionError, CellTimeoutError
+
+    with pytest.raises((CellExecutionError, CellTimeoutError)):
+        run_notebook(write_notebook(tmp_path / "a.ipynb", source), timeout=3)
+
+
+def test_outputs_are_kept_under_code_package_and_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import execution
+
+    (tmp_path / "gmmcd_teach").mkdir()
+    for name in ("requirements.lock", "pyproject.toml", "gmmcd_teach/a.py"):
+        (tmp_path / name).write_text("1")
+    monkeypatch.setattr(execution, "ROOT", tmp_path)
+    notebook = nbformat.read(write_notebook(tmp_path / "a.ipynb", "1"), as_version=4)
+    keys = [execution.fingerprint(notebook)]
+    for name in ("requirements.lock", "pyproject.toml", "gmmcd_teach/a.py"):
+        (tmp_path / name).write_text("2")
+        keys.append(execution.fingerprint(notebook))
+    notebook.cells[0].source = "2"
+    keys.append(execution.fingerprint(notebook))
+    assert len(set(keys)) == len(keys)
+    notebook.cells.append(nbformat.v4.new_markdown_cell("Prose alone changes no output."))
+    assert execution.fingerprint(notebook) == keys[-1]
+
+
+# ---- the book ----------------------------------------------------------------------------------------------------
+
+
+def build(folder: str) -> dict[str, str]:
+    """Run the command; return the pages by their path."""
+    done = subprocess.run(
+        [Path(sys.executable).with_name("jupyter-book"), "build", folder], cwd=ROOT, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    log = done.stdout + done.stderr
+    assert done.returncode == 0, log[-6000:]
+    assert "build succeeded" in log
+    assert "WARNING" not in log, log[-6000:]
+    paths = {path.relative_to(HTML).as_posix(): path for path in HTML.rglob("*.html")}
+    return {name: path.read_text(encoding="utf8") for name, path in paths.items() if not name.startswith("_static/")}
+
+
+@pytest.fixture(scope="module")
+def texts() -> dict[str, str]:
+    return build("book")
+
+
+@pytest.fixture(scope="module")
+def pages(texts: dict[str, str]) -> dict[str, Page]:
+    return {name: Page(text) for name, text in texts.items()}
+
+
+@pytest.fixture(scope="module")
+def written(pages: dict[str, Page]) -> dict[str, Page]:
+    """The pages of the book itself, without index, search and the sources of modules."""
+    return {name: page for name, page in pages.items() if name.startswith(("book/", "notebooks/"))}
+
+
+@book
+@pytest.mark.slow
+def test_both_commands_give_the_same_pages(texts: dict[str, str]) -> None:
+    assert build(".") == texts
+
+
+@book
+@pytest.mark.slow
+def test_every_source_has_its_page(written: dict[str, Page]) -> None:
+    sources = [*(ROOT / "book").rglob("*.md"), *(ROOT / "notebooks").glob("*.ipynb")]
+    wanted = {path.relative_to(ROOT).with_suffix(".html").as_posix() for path in sources}
+    assert set(written) == wanted
+
+
+@book
+@pytest.mark.slow
+def test_every_module_has_its_page(texts: dict[str, str]) -> None:
+    package = ROOT / "gmmcd_teach"
+    files = {path.stem for path in package.glob("[a-z]*.py")}
+    folders = {path.parent.name for path in package.glob("*/__init__.py")}
+    assert {f"book/api/{name}.html" for name in files | folders} <= set(texts)
+
+
+@book
+@pytest.mark.slow
+def test_chapters_bear_the_number_of_their_file(written: dict[str, Page]) -> None:
+    for name, page in written.items():
+        if name.startswith("notebooks/"):
+            number = f"{int(name.split('/')[1][:2])}."
+            assert any(heading.startswith(number) for heading in page.headings), name
+
+
+@book
+@pytest.mark.slow
+def test_nothing_is_loaded_from_the_network(pages: dict[str, Page]) -> None:
+    loads = {name: from_network(page.loads) for name, page in pages.items()}
+    loads |= {p.relative_to(HTML).as_posix(): from_network(css_loads(p.read_text())) for p in HTML.rglob("*.css")}
+    assert {name: found for name, found in loads.items() if found} == {}
+
+
+@book
+@pytest.mark.slow
+def test_links_and_files_are_there(pages: dict[str, Page]) -> None:
+    broken = []
+    for name, page in pages.items():
+        for address in [*page.links, *page.loads]:
+            parts = urlsplit(address)
+            if parts.scheme or parts.netloc or address == "#":
+                continue
+            target = (HTML / name).parent / unquote(parts.path) if parts.path else HTML / name
+            if not target.exists():
+                broken.append(f"{name}: {address}")
+            elif parts.fragment and target.suffix == ".html":
+                key = target.resolve().relative_to(HTML).as_posix()
+                if unquote(parts.fragment) not in pages[key].ids:
+                    broken.append(f"{name}: {address}")
+    assert broken == []
+
+
+@book
+@pytest.mark.slow
+def test_every_image_says_what_it_shows(written: dict[str, Page]) -> None:
+    for name, page in written.items():
+        for image in page.images:
+            assert image.get("alt", "").strip(), f"{name}: {image.get('src')} has no alt text"
+            assert not image["alt"].endswith((".png", ".svg", ".jpg")), f"{name}: {image['alt']}"
+        for frame in page.frames:
+            assert frame.get("title", "").strip(), f"{name}: a frame without a title"
+
+
+@book
+@pytest.mark.slow
+def test_every_picture_of_a_chapter_is_a_figure_with_caption(texts: dict[str, str]) -> None:
+    for name, text in texts.items():
+        if not name.startswith("notebooks/"):
+            continue
+        inside = re.sub(
+            r"<figure.*?</figure>", "", text.split("<article", 1)[1].split("</article", 1)[0], flags=re.DOTALL
+        )
+        assert re.findall(r"<img[^>]+(?:_images|data:image)[^>]*>", inside) == [], (
+            f"{name}: a picture without a caption"
+        )
+        for figure in re.findall(r"<figure.*?</figure>", text, re.DOTALL):
+            assert "caption-text" in figure, f"{name}: a figure without a caption"
+
+
+@book
+@pytest.mark.slow
+def test_chapters_run_in_the_time_they_promise(texts: dict[str, str]) -> None:
+    """By the seconds of computing, which do not depend on what else the machine does."""
+    chapters = {Path(name).stem: text for name, text in texts.items() if name.startswith("notebooks/")}
+    total = 0.0
+    for name, text in chapters.items():
+        plain = re.sub(r"<[^>]+>", "", text)
+        found = re.search(r"It runs in under ([a-z ]+) \(\d+ s and \d+ MB when this page was built\)", plain)
+        assert found is not None, f"{name}: no measured time"
+        (kept,) = (ROOT / "_build" / ".executed").glob(f"{name}-*.json")
+        seconds = json.loads(kept.read_text(encoding="utf8"))["computing"]
+        assert seconds <= BOUNDS[found[1]], f"{name}: {found[0]}, but {seconds:.0f} s of computing"
+        total += seconds
+    assert total < 9 * 60
+
+
+@book
+@pytest.mark.slow
+def test_one_search_box_and_no_live_code(texts: dict[str, str]) -> None:
+    for name, text in texts.items():
+        if name.startswith(("book/", "notebooks/")):
+            assert text.count('type="search"') == 1, name
+            assert "thebe" not in text.lower(), name

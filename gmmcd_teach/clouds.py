@@ -104,7 +104,8 @@ def read_cloud(path: str | os.PathLike[str]) -> Floats:
     fields = read_fields(path)
     if missing := [axis for axis in "xyz" if axis not in fields]:
         raise CloudError(f"{path}: no column {missing[0]!r} among {', '.join(fields)[:200]}; expected x, y and z")
-    points = np.column_stack([fields[axis].ravel().astype(np.float64) for axis in "xyz"])
+    with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
+        points = np.column_stack([fields[axis].ravel().astype(np.float64) for axis in "xyz"])
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) == 0:
         raise CloudError(f"{path}: no point with three finite coordinates; at least 1 needed")

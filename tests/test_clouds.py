@@ -2,10 +2,15 @@
 
 import io
 import os
+import re
 import struct
+import time
 import tracemalloc
 import zipfile
+from collections import Counter
 from pathlib import Path
+from random import Random
+from unittest import mock
 
 import numpy as np
 import plyfile
@@ -248,6 +253,13 @@ def test_rows_with_nan_or_infinity_are_dropped(tmp_path, suffix):
         body = holes.astype(dtype).tobytes()
         (tmp_path / f"a{suffix}").write_bytes(whole[: len(whole) - len(body)] + body)
     np.testing.assert_allclose(read_cloud(tmp_path / f"a{suffix}"), POINTS, rtol=1e-7)
+
+
+def test_signalling_nan_is_a_nan(tmp_path):
+    np.save(tmp_path / "a.npy", np.vstack([POINTS, POINTS]).astype("<f4"))
+    data = (tmp_path / "a.npy").read_bytes()
+    (tmp_path / "a.npy").write_bytes(data[:-4] + bytes.fromhex("010080ff"))
+    assert read_cloud(tmp_path / "a.npy").shape == (5, 3)
 
 
 @pytest.mark.skipif(not FILTERS.is_dir(), reason="needs ../shared/real/filters")
@@ -493,3 +505,111 @@ def test_unfit_points(points, message):
 def test_malformed_is_not_seen_outside():
     assert not issubclass(Malformed, CloudError)
     assert not issubclass(CloudError, Malformed)
+
+
+SOUND = {
+    "ply": [
+        ply("ascii", ROWS),
+        ply("binary_little_endian", POINTS.tobytes(), before="comment made by hand\n"),
+        ply("binary_big_endian", POINTS.astype(">f8").tobytes(), after="element face 1\nproperty list uchar int i\n"),
+        ply("binary_little_endian", bytes(2) + POINTS.tobytes(), before="element a 1\nproperty short b\n"),
+    ],
+    "pcd": [
+        pcd("ascii", TEXT),
+        pcd("binary", RECORDS.tobytes()),
+        pcd("binary_compressed", struct.pack("<II", len(PACKED), len(BY_FIELD)) + PACKED),
+        pcd("binary_compressed", struct.pack("<II", 65, 4800) + compress(bytes(4800)), n=300),
+    ],
+    "xyz": [ROWS, b"# x y z label\n" + TEXT],
+    "csv": [b"x,y,z\n" + ROWS.replace(b" ", b","), ROWS.replace(b" ", b";")],
+    "npy": [npy(POINTS), npy(np.asfortranarray(POINTS, dtype=np.float32))],
+    "npz": [npz({"points.npy": npy(POINTS), "label.npy": npy(np.arange(3))}, kind) for kind in (0, 8)],
+}
+NASTY = b"0|1|2|3|-1|7|255|65536|999999999|2147483648|4294967295|9223372036854775808|1e400|nan|inf|-inf|0x10|1_0||\xb2"
+WORDS = sorted({word for files in SOUND.values() for file in files for word in re.findall(rb"[A-Za-z_]{3,}", file)})
+
+
+def mutant(random: Random) -> tuple[str, bytes]:
+    """A suffix and a sound file after one to four blows, most of them where headers and numbers stand."""
+    suffix = random.choice(list(SOUND))
+    data = random.choice(SOUND[suffix])
+    for _ in range(random.choice([1, 1, 1, 2, 3, 4])):
+        at = random.randrange(len(data) + 1)
+        end = min(len(data), at + random.choice([1, 1, 2, 4, 8, 30]))
+        other = random.choice(SOUND[random.choice(list(SOUND))])
+        match random.randrange(9):
+            case 0:
+                data = data[:at] + random.randbytes(end - at) + data[end:]
+            case 1:
+                data = data[:at] + data[end:]
+            case 2:
+                data = data[:end] + data[at:]
+            case 3:
+                data = data[:at]
+            case 4:
+                data = data[:at] + other[at:]
+            case 5:
+                numbers = [*re.finditer(rb"-?[0-9.]+", data)]
+                if numbers:
+                    number = random.choice(numbers)
+                    data = data[: number.start()] + random.choice(NASTY.split(b"|")) + data[number.end() :]
+            case 6:
+                data = data.replace(random.choice(WORDS), random.choice(WORDS), 1)
+            case 7:
+                lines = data.split(b"\n")
+                lines.insert(random.randrange(len(lines)), random.choice(lines))
+                data = b"\n".join(lines)
+            case 8:
+                value = random.choice([0, 1, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF])
+                data = data[:at] + struct.pack(random.choice(["<I", ">I", "<Q"]), value) + data[at + 4 :]
+    return random.choice([suffix] * 9 + list(SOUND)), data
+
+
+def try_mutants(folder: Path, seed: int, n_cases: int) -> Counter:
+    """Read `n_cases` mutants, as if each stood in a file, and count what came of them; excess and surprise fail."""
+    random = Random(seed)
+    outcomes: Counter = Counter()
+    for suffix in SOUND:
+        (folder / f"mutant.{suffix}").touch()
+    tracemalloc.start()
+    try:
+        for case in range(n_cases):
+            suffix, data = mutant(random)
+            path = folder / f"mutant.{suffix}"
+            tracemalloc.reset_peak()
+            held, began = tracemalloc.get_traced_memory()[0], time.perf_counter()
+            try:
+                with mock.patch.object(Path, "read_bytes", lambda _, data=data: data):
+                    points, refusal = read_cloud(path), None
+            except CloudError as error:
+                points, refusal = None, str(error)
+            except Exception as error:
+                raise AssertionError(f"case {case} of seed {seed}: {data!r}") from error
+            outcomes["read" if refusal is None else "refused"] += 1
+            assert (points is not None and np.isfinite(points).all()) or refusal.startswith(str(path))
+            assert refusal is None or "\n" not in refusal
+            taken = tracemalloc.get_traced_memory()[1] - held
+            assert taken < 2**24 + 100 * len(data), f"case {case} of seed {seed} took {taken} bytes"
+            assert time.perf_counter() - began < 10, f"case {case} of seed {seed} hangs"
+            outcomes["most memory"] = max(outcomes["most memory"], taken)
+    finally:
+        tracemalloc.stop()
+    return outcomes
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_mutants_are_read_or_refused(tmp_path, seed):
+    outcomes = try_mutants(tmp_path, seed, 1500)
+    assert outcomes["read"] > 100
+    assert outcomes["refused"] > 1000
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 110))
+def test_ten_thousand_mutants_are_read_or_refused(tmp_path, seed, record_property, capsys):
+    """Ten times: 100,000 hostile files."""
+    outcomes = try_mutants(tmp_path, seed, 10_000)
+    record_property("cases", 10_000)
+    with capsys.disabled():
+        print(f"\nhostile files, seed {seed}: 10,000 cases, {dict(outcomes)}")
+    assert outcomes["read"] + outcomes["refused"] == 10_000

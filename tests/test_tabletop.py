@@ -1,5 +1,6 @@
 """The real pairs against the manifest that stands beside them, and every way in which they may be missing."""
 
+import functools
 import hashlib
 import http.server
 import json
@@ -22,6 +23,12 @@ MANIFEST = REAL / "tabletop/manifest.json"
 needs_pairs = pytest.mark.skipif(not tabletop_available(REAL), reason="needs ../shared/real/tabletop")
 needs_static = pytest.mark.skipif(not tabletop_available(REAL, "static"), reason="needs ../shared/real/static")
 needs_manifest = pytest.mark.skipif(not MANIFEST.is_file(), reason="needs ../shared/real/tabletop/manifest.json")
+
+
+@functools.cache
+def real_pair(name):
+    """One of the real pairs, unpacked once for all tests."""
+    return tabletop_pair(name, REAL)
 
 
 @pytest.fixture
@@ -81,7 +88,7 @@ def test_registry_says_what_the_manifest_says():
 @pytest.mark.parametrize("name", TABLETOP_PAIRS)
 def test_pair_holds_what_the_manifest_counts(name):
     facts = json.loads(MANIFEST.read_text())["pairs"][name]
-    pair = tabletop_pair(name, REAL)
+    pair = real_pair(name)
     assert (len(pair.before), len(pair.after)) == (facts["n_before"], facts["n_after"])
     for points, changed, items in [
         (pair.before, pair.disappeared, facts["removed"]),
@@ -104,7 +111,7 @@ def test_pair_holds_what_the_manifest_counts(name):
 
 @needs_pairs
 def test_points_lie_on_the_rays_of_their_pixels():
-    pair = tabletop_pair("bowl_removed_two_cups_added", REAL)
+    pair = real_pair("bowl_removed_two_cups_added")
     for points, (frame,) in [(pair.before, pair.before_frames), (pair.after, pair.after_frames)]:
         fx, fy, cx, cy = frame.intrinsics
         v, u = np.nonzero(np.isfinite(frame.depth))
@@ -116,7 +123,7 @@ def test_points_lie_on_the_rays_of_their_pixels():
 
 @needs_pairs
 def test_hidden_is_what_the_other_scan_has_nearer_or_not_at_all():
-    pair = tabletop_pair("tea_box_moved_sideways", REAL)
+    pair = real_pair("tea_box_moved_sideways")
     before, after = pair.before_frames[0].depth, pair.after_frames[0].depth
     measured = np.isfinite(before)
     expected = (np.isnan(after) | (after < before - tabletop.NOISE))[measured] & ~pair.disappeared
@@ -126,7 +133,7 @@ def test_hidden_is_what_the_other_scan_has_nearer_or_not_at_all():
 @needs_pairs
 @pytest.mark.parametrize("name", TABLETOP_PAIRS)
 def test_noise_of_still_surface_stays_below_the_margin(name):
-    pair = tabletop_pair(name, REAL)
+    pair = real_pair(name)
     depths = [pair.before_frames[0].depth, pair.after_frames[0].depth]
     table = np.isfinite(depths[0]) & np.isfinite(depths[1])
     for stem in (tabletop._PAIRS[name].before, tabletop._PAIRS[name].after):

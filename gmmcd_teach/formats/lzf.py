@@ -27,7 +27,7 @@ def decompress(data: bytes, size: int) -> bytearray:
     out = bytearray()
     position, end = 0, len(data)
     try:
-        while position < end and len(out) <= size:
+        while position < end:
             control = data[position]
             position += 1
             if control < 32:

@@ -128,8 +128,21 @@ def polish(app: Sphinx, what: str, name: str, item: object, options: object, lin
             lambda phrase: re.sub(r"\d+", link, phrase[0]),
             line,
         )
-        line = re.sub(r"`[^`]*`|\|", lambda part: r"\|" if part[0] == "|" else part[0], line)  # a norm, |x|
+        # a norm, |x|, and a name that ends in an underscore mean something else to docutils
+        line = re.sub(r"`[^`]*`|\||\w_(?!\w)", lambda part: re.sub(r"^\||_$", r"\\\g<0>", part[0]), line)
         lines[i] = re.sub(r"^(.*\*\*[^*]+\*\*) \(\*(.+)\*\)(?: -- )?", r"\1 -- \2 ", line).rstrip()
+
+
+def list_attributes(app: Sphinx, what: str, name: str, item: object, options: object, lines: list[str]) -> None:
+    """After Napoleon: the attributes of a class become a plain list, "name -- description"."""
+    text = re.sub(r"^:vartype (.+?): (.*)$", r":ivar \1: \2", "\n".join(lines), flags=re.MULTILINE)
+    attributes: dict[str, list[str]] = {}
+    for found in re.finditer(r"^:ivar (.+?): ?(.*(?:\n +\S.*)*)", text, re.MULTILINE):
+        attributes.setdefault(found[1], []).insert(0, " ".join(found[2].split()))
+    if attributes:
+        rest = re.sub(r"^:ivar .*(?:\n +\S.*)*\n?", "", text, flags=re.MULTILINE)
+        bullets = [f"* **{name}** -- {' '.join(parts).strip()}" for name, parts in attributes.items()]
+        lines[:] = [*rest.rstrip().splitlines(), "", ".. rubric:: Attributes", "", *bullets, ""]
 
 
 def skip_foreign(app: Sphinx, what: str, name: str, member: object, skip: bool, options: object) -> bool:
@@ -164,6 +177,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("chapter-map", ChapterMap)
     app.add_directive("room", Room)
     app.add_directive("rooms", Rooms)
-    app.connect("autodoc-process-docstring", polish, priority=600)
+    app.connect("autodoc-process-docstring", list_attributes, priority=600)
+    app.connect("autodoc-process-docstring", polish, priority=700)
     app.connect("autodoc-skip-member", skip_foreign)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

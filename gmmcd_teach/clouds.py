@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO, TypeVar
-from uuid import uuid4
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gmmcd_teach.formats import Fields, Malformed, arrays, pcd, ply, text
+from gmmcd_teach.formats.atomic import write_atomically
 
 Floats = NDArray[np.float64]
 Codec = TypeVar("Codec")
@@ -172,39 +171,29 @@ def write_cloud(path: str | os.PathLike[str], points: ArrayLike, **per_point: Ar
     points = check_points(points, dimensions=(3,))
     fields: Fields = dict(zip("xyz", points.T, strict=True))
     for name, values in per_point.items():
-        column = np.asarray(values)
-        wanted = (len(points),) if path.suffix.lower() != ".npz" else (len(points), *column.shape[1:])
-        if not (name.isidentifier() and name.isascii()) or name in tuple("xyz"):
-            raise CloudError(f"column {name!r}: expected a name of letters, digits and _ other than x, y, z")
-        if column.shape != wanted or column.dtype.kind not in "biuf" or column.dtype.itemsize > 8:
-            raise CloudError(f"column {name!r}: {column.dtype} of shape {column.shape}; expected numbers {wanted}")
-        if path.suffix.lower() != ".npz" and column.dtype.name in ("bool", "float16"):
-            column = column.astype(np.uint8 if column.dtype == bool else np.float32)
-        fields[name] = column
+        fields[name] = _check_column(name, values, len(points), several=path.suffix.lower() == ".npz")
     try:
         write_atomically(path, lambda file: write(file, fields))
     except Malformed as problem:
         raise CloudError(f"{path}: {problem}") from None
-
-
-def write_atomically(path: Path, write: Callable[[BinaryIO], None]) -> None:
-    """Let `write` fill a new file beside `path`, then put it in the place of `path`; on any failure leave nothing.
-
-    Raises
-    ------
-    CloudError
-        The folder is missing, full or not writable, or `path` is a folder.
-    """
-    draft = path.with_name(f".{path.name}.{uuid4().hex}")
-    try:
-        try:
-            with open(draft, "xb") as file:
-                write(file)
-            os.replace(draft, path)
-        finally:
-            draft.unlink(missing_ok=True)
     except OSError as error:
         raise CloudError(f"{path}: cannot be written ({error.strerror}); expected a writable folder") from None
+
+
+def _check_column(name: str, values: ArrayLike, n_points: int, several: bool) -> NDArray[Any]:
+    """Return a per-point column that a file can hold: numbers (N,), or, where it holds `several` to a point, (N, k)."""
+    if not (name.isidentifier() and name.isascii()) or name in ("x", "y", "z"):
+        raise CloudError(f"column {name!r}: expected a name of letters, digits and _ other than x, y, z")
+    try:
+        column = np.asarray(values)
+    except ValueError:
+        raise CloudError(f"column {name!r}: not an array; expected {n_points} numbers") from None
+    wanted = (n_points, *column.shape[1:]) if several else (n_points,)
+    if column.shape != wanted or column.dtype.kind not in "biuf" or column.dtype.itemsize > 8:
+        raise CloudError(f"column {name!r}: {column.dtype} of shape {column.shape}; expected numbers {wanted}")
+    if not several and column.dtype.name in ("bool", "float16"):
+        return column.astype(np.uint8 if column.dtype == bool else np.float32)
+    return column
 
 
 def _of_format(path: str | os.PathLike[str], table: dict[str, Codec]) -> tuple[Path, Codec]:

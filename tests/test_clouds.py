@@ -441,6 +441,7 @@ def test_suffix_in_capitals(tmp_path):
         ("a.ply", POINTS[:0], {}, "at least 1"),
         ("a.ply", POINTS, {"label": [1, 2]}, "'label'"),
         ("a.ply", POINTS, {"label": np.ones((3, 2))}, "'label'"),
+        ("a.ply", POINTS, {"label": [[1], [2, 3], [4]]}, "'label'"),
         ("a.ply", POINTS, {"label": ["a", "b", "c"]}, "'label'"),
         ("a.ply", POINTS, {"label": [2**40, 0, 0]}, "beyond 32 bits"),
         ("a.ply", POINTS, {"two words": [1, 2, 3]}, "'two words'"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,23 +13,14 @@ from gmmcd_teach.formats import Fields, Malformed, arrays, pcd, ply, text
 from gmmcd_teach.formats.atomic import write_atomically
 
 Floats = NDArray[np.float64]
-Codec = TypeVar("Codec")
 
-READERS = {
-    ".ply": ply.read_ply,
-    ".pcd": pcd.read_pcd,
-    ".xyz": text.read_text,
-    ".csv": text.read_text,
-    ".npy": arrays.read_npy,
-    ".npz": arrays.read_npz,
-}
-WRITERS = {
-    ".ply": ply.write_ply,
-    ".pcd": pcd.write_pcd,
-    ".xyz": text.write_xyz,
-    ".csv": text.write_csv,
-    ".npy": arrays.write_npy,
-    ".npz": arrays.write_npz,
+FORMATS = {
+    ".ply": (ply.read_ply, ply.write_ply),
+    ".pcd": (pcd.read_pcd, pcd.write_pcd),
+    ".xyz": (text.read_text, text.write_xyz),
+    ".csv": (text.read_text, text.write_csv),
+    ".npy": (arrays.read_npy, arrays.write_npy),
+    ".npz": (arrays.read_npz, arrays.write_npz),
 }
 
 
@@ -130,7 +121,7 @@ def read_fields(path: str | os.PathLike[str]) -> Fields:
     ...     read_fields(f"{folder}/two.npz")["label"]
     array([0, 7])
     """
-    path, read = _of_format(path, READERS)
+    path = _checked_path(path)
     if path.exists() and not path.is_file():
         raise CloudError(f"{path}: a directory or device; expected a file")
     try:
@@ -140,7 +131,7 @@ def read_fields(path: str | os.PathLike[str]) -> Fields:
     if not data:
         raise CloudError(f"{path}: empty; expected a {path.suffix} file of at least one point")
     try:
-        return read(data)
+        return FORMATS[path.suffix.lower()][0](data)
     except Malformed as problem:
         raise CloudError(f"{path}: {problem}") from None
 
@@ -167,13 +158,13 @@ def write_cloud(path: str | os.PathLike[str], points: ArrayLike, **per_point: Ar
     0,0,1,0
     1,2,3,1
     """
-    path, write = _of_format(path, WRITERS)
+    path = _checked_path(path)
     points = check_points(points, dimensions=(3,))
     fields: Fields = dict(zip("xyz", points.T, strict=True))
     for name, values in per_point.items():
         fields[name] = _check_column(name, values, len(points), several=path.suffix.lower() == ".npz")
     try:
-        write_atomically(path, lambda file: write(file, fields))
+        write_atomically(path, lambda file: FORMATS[path.suffix.lower()][1](file, fields))
     except Malformed as problem:
         raise CloudError(f"{path}: {problem}") from None
     except OSError as error:
@@ -196,10 +187,10 @@ def _check_column(name: str, values: ArrayLike, n_points: int, several: bool) ->
     return column
 
 
-def _of_format(path: str | os.PathLike[str], table: dict[str, Codec]) -> tuple[Path, Codec]:
+def _checked_path(path: str | os.PathLike[str]) -> Path:
     if not isinstance(path, (str, os.PathLike)) or "\0" in str(path):
         raise CloudError(f"{path!r}: not a path; expected the name of a file")
     path = Path(path)
-    if path.suffix.lower() not in table:
-        raise CloudError(f"{path}: unknown suffix {path.suffix!r}; expected one of {' '.join(table)}")
-    return path, table[path.suffix.lower()]
+    if path.suffix.lower() not in FORMATS:
+        raise CloudError(f"{path}: unknown suffix {path.suffix!r}; expected one of {' '.join(FORMATS)}")
+    return path

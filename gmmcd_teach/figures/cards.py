@@ -9,7 +9,7 @@ import itertools
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from .style import INK, PAPER
 
@@ -20,6 +20,7 @@ CARD_STYLE = (
     f".gmmcd-card{{margin:.5rem 0 1rem;padding:.6rem;max-width:60rem;border-radius:.5rem;background:{PAPER};"
     f"color:{INK};box-sizing:border-box;font:14px/1.45 system-ui,sans-serif}}"
     f".gmmcd-card figcaption{{margin:.5rem 0 0;color:{INK};font:inherit;text-align:left}}"
+    ".cell_output .text_html:has(>.gmmcd-card){background:none!important;padding:0!important}"
     ".gmmcd-card img{display:block;max-width:100%;height:auto;margin:0 auto;padding:0!important}"
 )
 _numbers = itertools.count(1)
@@ -45,15 +46,19 @@ def checked_alt(alt: str) -> str:
 
 
 def png(figure: Figure, *, dpi: float = 200, n_colors: int = 255) -> bytes:
-    """Return the figure as a small PNG of at most `n_colors` (1 to 256) colours."""
+    """Return the figure as a small PNG of at most `n_colors` colours (2 to 256): half are its commonest ones."""
     from PIL import Image
 
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi)
+    image = Image.open(buffer).convert("RGB")
+    counted: list[Any] = sorted(image.getcolors(maxcolors=image.width * image.height) or [], reverse=True)
+    common = [channel for _, color in counted[: n_colors // 2] for channel in color]
+    between = image.quantize(n_colors - n_colors // 2, dither=Image.Dither.NONE).getpalette() or []
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(common + between[: 3 * (n_colors - n_colors // 2)])
     small = io.BytesIO()
-    Image.open(buffer).convert("RGB").quantize(n_colors, kmeans=2, dither=Image.Dither.NONE).save(
-        small, "PNG", optimize=True
-    )
+    image.quantize(palette=palette, dither=Image.Dither.NONE).save(small, "PNG", optimize=True)
     return small.getvalue()
 
 

@@ -13,15 +13,15 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from html import escape, unescape
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .cards import CARD_STYLE, card, checked_alt, image_tag, png, unique_id
+from .page import TEMPLATE
 from .scenes import VIEW_ANGLE, Camera, Layer, Mesh, fitted_camera, is_cloud, thinned
 from .style import INK, PAPER
 
@@ -83,7 +83,7 @@ class View:
 
     def _still_html(self) -> str:
         image = image_tag(self.still, self.alt, width=900).replace('class="', 'class="gmmcd-still ', 1)
-        always = "<noscript><style>.gmmcd-card .gmmcd-still{display:block}</style></noscript>"
+        always = "<noscript><style>.gmmcd-card .gmmcd-still{display:block!important}</style></noscript>"
         return f"<details><summary>Still picture</summary></details>{image}{always}"
 
 
@@ -208,14 +208,7 @@ def write_atomically(path: Path, text: str) -> Path:
 
 
 def _page(view: View) -> str:
-    """Put title, legend, keys and layout around the page that PyVista exports."""
-    with _plotter(view) as plotter:
-        exported = plotter.trame.export_html(None).getvalue()
-    data = re.search(r'base64Str = "([^"]+)"', exported)
-    if data is None or _VIEWER.search(exported) is None:
-        raise RuntimeError("PyVista's exported page has changed its form: pin the trame-vtk that pyproject.toml names")
-    exported = exported[: data.start(1)] + _tidy(data[1]) + exported[data.end(1) :]
-
+    """Fill the template: the scene, the viewer that draws it, titles and legend."""
     entries: dict[tuple[str, str], int] = {}
     parts = [[entries.setdefault((m.label, m.key), len(entries)) for m in panel] for panel in view.panels.values()]
     legend = "".join(
@@ -224,7 +217,6 @@ def _page(view: View) -> str:
     )
     vertices = np.concatenate([mesh.vertices for panel in view.panels.values() for mesh in panel])
     extent = " × ".join(f"{length:.2f}" for length in np.ptp(vertices, axis=0))
-    frame = (resources.files(__package__) / "view.html").read_text(encoding="utf-8")
     fields = {
         "PAPER": PAPER,
         "INK": INK,
@@ -235,10 +227,55 @@ def _page(view: View) -> str:
         "PARTS": json.dumps(parts),
         "ANGLE": f"{VIEW_ANGLE:g}",
         "ASPECT": f"{_aspect(len(view.panels)):g}",
+        "SCENE": _packed_scene(view),
+        "VIEWER": _viewer(),
     }
-    head, body = (re.sub("@([A-Z]+)@", lambda m: fields[m[1]], part) for part in frame.split("<!--viewer-->"))
-    viewer = exported[exported.index("<body>") + len("<body>") : exported.rindex("</body>")]
-    return f"{head}{viewer}{body}"
+    return re.sub("@([A-Z]+)@", lambda match: fields[match[1]], TEMPLATE)
+
+
+@cache
+def _viewer() -> str:
+    """Return the script of the viewer that trame-vtk carries for pages that stand alone."""
+    from trame_vtk.tools.vtksz2html import HTML_VIEWER_PATH  # type: ignore[import-untyped]
+
+    viewer = _VIEWER.search(HTML_VIEWER_PATH.read_text(encoding="utf-8"))
+    if viewer is None:
+        raise RuntimeError("the viewer of trame-vtk has changed its form; install the version that the lock file names")
+    return viewer[1]
+
+
+def _packed_scene(view: View) -> str:
+    """Return the PyVista scene in the form that the viewer reads.
+
+    These are the steps behind PyVista's `plotter.trame.export_html`, which would also start a web server and try to
+    download a second viewer. Memory addresses become running numbers, so that the same view is the same page.
+    """
+    from trame_vtk.modules.vtk.serializers import (  # type: ignore[import-untyped]
+        SynchronizationContext,
+        extract_array_hash,
+        initialize_serializers,
+        serialize,
+    )
+
+    initialize_serializers()
+    context = SynchronizationContext()
+    context.set_ignore_last_dependencies(True)
+    with _plotter(view) as plotter:
+        scene = serialize(None, plotter.render_window, 1, context, 1)
+        hashes = {
+            entry["hash"]: entry | {"content": context.get_cached_data_array(entry["hash"], False)}
+            for entry in extract_array_hash(scene)
+        }
+    numbers: dict[str, str] = {}
+    address = re.compile(r'(?<=["{])[0-9a-f]{16}(?=["}-])')
+    text = json.dumps({"hashes": hashes, "scene": scene})
+    text = address.sub(lambda match: numbers.setdefault(match[0], f"{len(numbers) + 1:x}"), text)
+    text = re.sub(r'"mtime": \d+', '"mtime": 1', text)
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as archive:
+        entry = zipfile.ZipInfo("index.json", date_time=(2000, 1, 1, 0, 0, 0))
+        archive.writestr(entry, text, compress_type=zipfile.ZIP_DEFLATED, compresslevel=9)
+    return base64.b64encode(packed.getvalue()).decode()
 
 
 @contextlib.contextmanager
@@ -303,21 +340,6 @@ def _add(plotter: Any, mesh: Mesh, step: float) -> None:
     )
 
 
-def _tidy(data: str) -> str:
-    """Repack an exported scene: memory addresses become running numbers, so that the same view is the same page."""
-    with zipfile.ZipFile(io.BytesIO(base64.b64decode(data))) as archive:
-        scene = archive.read("index.json").decode()
-    numbers: dict[str, str] = {}
-    name = re.compile(r'(?<=["{])[0-9a-f]{16}(?=["}-])')
-    scene = name.sub(lambda match: numbers.setdefault(match[0], f"{len(numbers) + 1:x}"), scene)
-    scene = re.sub(r'"mtime": ?\d+', '"mtime": 1', scene)
-    packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w") as archive:
-        entry = zipfile.ZipInfo("index.json", date_time=(2000, 1, 1, 0, 0, 0))
-        archive.writestr(entry, scene, compress_type=zipfile.ZIP_DEFLATED, compresslevel=9)
-    return base64.b64encode(packed.getvalue()).decode()
-
-
 def _still(view: View) -> bytes:
     """Draw the panels as the camera sees them."""
     from matplotlib.figure import Figure
@@ -352,7 +374,8 @@ def _draw(ax: Axes, mesh: Mesh, camera: Camera) -> None:
         ax.add_collection(LineCollection(list(flat[mesh.lines]), colors=color, linewidths=1.2, label=mesh.label))
     elif mesh.triangles is not None:
         corners = flat[mesh.triangles]  # (T, 3, 2)
-        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        (ux, uy), (vx, vy) = np.diff(corners, axis=1).transpose(1, 2, 0)
+        across = ux * vy - uy * vx  # > 0 where the triangle faces the camera
         front = mesh.triangles[across > 0]
         shade = color if isinstance(color, str) else color[front[:, 0]]
         ax.add_collection(

@@ -1,4 +1,6 @@
-<!doctype html>
+"""The page around every 3-D view: titles, legend with switches, keys, and a layout that fits narrow screens."""
+
+TEMPLATE = """<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
@@ -17,8 +19,8 @@
   .titles b { position: absolute; transform: translateX(-50%); padding-top: .2rem; pointer-events: none; }
   .legend { display: flex; flex-wrap: wrap; gap: .1rem .9rem; align-items: center; padding: .35rem .2rem .1rem; }
   .legend label { display: inline-flex; align-items: center; gap: .35rem; cursor: pointer; }
-  .legend i { width: 1.1rem; height: .8rem; border-radius: .15rem; box-shadow: 0 0 0 1px #8a9099; }
-  .legend button { border: 1px solid #8a9099; border-radius: .3rem; background: #fff; color: inherit; font: inherit; cursor: pointer; }
+  .legend i { flex: none; width: 1.1rem; height: .8rem; border-radius: .15rem; box-shadow: 0 0 0 1px #8a9099; }
+  .legend button { border: 1px solid #8a9099; border-radius: .3rem; background: #fff; color: inherit; font: inherit; }
   .help { margin: 0; padding: 0 .2rem .2rem; font-size: 12px; color: #4a5058; }
   .blank { padding: 1rem; }
   @media print { .stage, .legend button, .help { display: none; } }
@@ -26,13 +28,17 @@
 </head>
 <body class="framed">
 <div class="stage">
-  <div class="content" tabindex="0" role="application" aria-label="@ALT@ Arrow keys turn the view, plus and minus zoom."></div>
+  <div class="content" tabindex="0" role="application"
+       aria-label="@ALT@ Arrow keys turn the view, plus and minus zoom."></div>
   <div class="titles">@TITLES@</div>
 </div>
-<div class="legend" role="group" aria-label="Legend: switch each part on and off">@LEGEND@<button type="button">Reset view</button></div>
+<div class="legend" role="group" aria-label="Legend: switch each part on and off">
+  @LEGEND@<button type="button">Reset view</button>
+</div>
 <p class="help">Drag to turn; click, then scroll to zoom; arrow keys turn, + and - zoom. @EXTENT@.</p>
 <!--below-->
 <script>
+window.global = {};  // where the viewer leaves what it has drawn
 (() => {
   const parts = @PARTS@, angle = @ANGLE@, aspect = @ASPECT@;  // what the camera was fitted to
   const find = selector => document.querySelector(selector);
@@ -40,7 +46,8 @@
 
   if (!document.createElement("canvas").getContext("webgl2")) {
     content.style.display = "none";
-    stage.insertAdjacentHTML("beforeend", '<p class="blank">No WebGL in this browser, so nothing turns here. Open the still picture instead.</p>');
+    const words = "No WebGL in this browser, so nothing turns here. Open the still picture instead.";
+    stage.insertAdjacentHTML("beforeend", `<p class="blank">${words}</p>`);
     return;
   }
 
@@ -48,10 +55,13 @@
   let held = false;
   content.addEventListener("pointerdown", () => { held = true; }, true);
   content.addEventListener("pointerleave", () => { held = false; });
-  addEventListener("wheel", event => { if (!held && content.contains(event.target)) event.stopImmediatePropagation(); }, true);
+  addEventListener("wheel", event => {
+    if (!held && content.contains(event.target)) event.stopImmediatePropagation();
+  }, true);
 
   const begin = () => {
-    const scene = window.global?.renderWindow, renderers = scene ? scene.getRenderers().slice(1) : [];  // the first is the viewer's own
+    const scene = window.global.renderWindow;
+    const renderers = scene ? scene.getRenderers().slice(1) : [];  // the first is the viewer's own
     if (renderers.length < parts.length || renderers.some((r, i) => r.getActors().length < parts[i].length)) {
       requestAnimationFrame(begin);
       return;
@@ -104,6 +114,12 @@
   begin();
 })();
 </script>
-<!--viewer-->
+<script>
+function loadDataSet() {
+  OfflineLocalView.load(document.querySelector(".content"), { base64Str: "@SCENE@" });
+}
+</script>
+<script type="module">@VIEWER@</script>
 </body>
 </html>
+"""

@@ -178,11 +178,11 @@ def back_project(depth: Floats, intrinsics: tuple[float, float, float, float]) -
 
 
 def project(points: Floats, intrinsics: tuple[float, float, float, float]) -> tuple[Floats, Floats]:
-    """Image positions (N, 2), as (column, row) in pixels, and depths (N,) of points (N, 3) in the camera frame."""
+    """Image positions (2, N), columns and rows in pixels, and depths (N,) of points (N, 3) in the camera frame."""
     fx, fy, cx, cy = intrinsics
-    depth = points[:, 2]
+    x, y, depth = np.ascontiguousarray(points.T)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.stack([fx * points[:, 0] / depth + cx, fy * points[:, 1] / depth + cy], axis=1), depth
+        return np.stack([fx * x / depth + cx, fy * y / depth + cy]), depth
 
 
 def frame_points(frame: DepthFrame) -> Floats:
@@ -191,5 +191,5 @@ def frame_points(frame: DepthFrame) -> Floats:
 
 
 def frame_pixels(frame: DepthFrame, points: Floats) -> tuple[Floats, Floats]:
-    """Image positions (N, 2) and depths (N,) of world points (N, 3) in a frame, by its estimated pose."""
+    """Image positions (2, N) and depths (N,) of world points (N, 3) in a frame, by its estimated pose."""
     return project(transform(inverse(frame.pose), points), frame.intrinsics)

@@ -13,14 +13,15 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 from tqdm.auto import tqdm
 
-from gmmcd_teach.lab.camera import axial_sigma, frame_pixels, frame_points
+from gmmcd_teach.lab.camera import axial_sigma, frame_pixels, frame_points, project
 from gmmcd_teach.lab.pair import Bools, DepthFrame
-from gmmcd_teach.lab.shapes import Floats, Ints
+from gmmcd_teach.lab.shapes import Floats, Ints, inverse, transform
 
 VOXEL = 0.008  # metres: below a pixel's footprint (1 cm) at 2 m
 BLOCK = 4  # voxels: surfaces are looked for in blocks, and distances are cut off at one block
 SAMPLES = 8  # measurements that make a block worth looking at
-SMOOTH = 0.05  # relative spread of the four depths around a voxel above which an edge runs between them
+SMOOTH = 0.025  # relative spread of the four depths around a voxel above which an edge runs between them
+STEEPEST = 1.1  # metres of distance per metre: a true distance changes by 1 at most
 SUPPORT = 3  # frames that must have seen both ends of a crossing
 
 
@@ -53,21 +54,22 @@ def fuse(
     blocks = surface_blocks(frames, lower, block_size, shape)  # (B, 3)
     every_block = lower + (np.indices(shape).reshape(3, -1).T + 0.5) * block_size
     within = (np.indices((BLOCK,) * 3).reshape(3, -1).T + 0.5) * voxel_size  # (BLOCK^3, 3)
-    centres = (lower + blocks * block_size)[:, None] + within  # (B, BLOCK^3, 3)
-    weighted, weights = np.zeros(centres.shape[:2]), np.zeros(centres.shape[:2])
-    support, free = np.zeros(centres.shape[:2], dtype=np.int16), np.zeros(len(every_block), dtype=np.int64)
+    corners = lower + blocks * block_size
+    weighted, weights = np.zeros((2, len(blocks), BLOCK**3))
+    support, free = np.zeros(weights.shape, dtype=np.int16), np.zeros(len(every_block), dtype=np.int64)
     for frame in tqdm(frames, desc="fusing", unit="frame", disable=not progress):
         free += seen_through(frame, every_block, block_size)
-        near = in_view(frame, centres.mean(axis=1))
-        distance, depth = signed_distance(frame, centres[near].reshape(-1, 3))
-        known = distance > -block_size  # False for NaN
-        weight = np.where(known, 1 / axial_sigma(np.where(known, depth, 1), np.zeros(1)) ** 2, 0).reshape(-1, BLOCK**3)
-        weighted[near] += weight * np.where(known, np.minimum(distance, block_size), 0).reshape(weight.shape)
+        near = in_view(frame, corners + block_size / 2)
+        to_camera = inverse(frame.pose)
+        voxels = transform(to_camera, corners[near])[:, None] + within @ to_camera[:3, :3].T
+        distance, weight = (
+            part.reshape(-1, BLOCK**3) for part in signed_distance(frame, voxels.reshape(-1, 3), block_size)
+        )
+        weighted[near] += weight * np.minimum(distance, block_size)
         weights[near] += weight
-        support[near] += known.reshape(weight.shape)
-    with np.errstate(invalid="ignore"):
-        mean = np.where(support >= SUPPORT, weighted / weights, np.nan)
-    points, point_weights = zero_crossings(blocks, centres, mean, weights, shape, voxel_size)
+        support[near] += weight > 0
+    mean = np.where(support >= SUPPORT, weighted / np.where(weights > 0, weights, 1), np.nan)
+    points, point_weights = zero_crossings(blocks, corners[:, None] + within, mean, weights, shape, voxel_size)
     inside = ((points >= lower) & (points <= upper)).all(axis=1)
     return FusedMap(points[inside], point_weights[inside], free.reshape(shape), lower, block_size)
 
@@ -84,42 +86,69 @@ def surface_blocks(frames: Sequence[DepthFrame], lower: Floats, block_size: floa
 
 def in_view(frame: DepthFrame, centres: Floats) -> Bools:
     """Which block centres (B, 3) may have voxels inside the frame's image."""
-    pixel, depth = frame_pixels(frame, centres)
+    (column, row), depth = frame_pixels(frame, centres)
     margin = 10
     height, width = frame.depth.shape
-    return (depth > 0) & ((pixel > -margin) & (pixel < [width + margin, height + margin])).all(axis=1)
+    return (
+        (depth > 0)
+        & (np.abs(column - width / 2) < width / 2 + margin)
+        & (np.abs(row - height / 2) < height / 2 + margin)
+    )
 
 
-def signed_distance(frame: DepthFrame, points: Floats) -> tuple[Floats, Floats]:
-    """How far (N,) along the optical axis points (N, 3) lie before the surface seen there, and its depth (N,).
+def signed_distance(frame: DepthFrame, points: Floats, cutoff: float) -> tuple[Floats, Floats]:
+    """How far (N,) points (N, 3) of the camera frame lie before the surface that it sees there, and a weight (N,).
 
-    The depth between four pixels is interpolated in 1/z, which is linear across the image of a plane. NaN where one of
-    the four is missing or an edge runs between them.
+    The weight is 0, and the distance too, where no single surface was measured.
     """
-    pixel, depth = frame_pixels(frame, points)
+    (column, row), depth = project(points, frame.intrinsics)
     height, width = frame.depth.shape
-    inside = np.flatnonzero((depth > 0) & (pixel >= 0).all(axis=1) & (pixel < [width - 1, height - 1]).all(axis=1))
-    column, row = np.floor(pixel[inside]).astype(np.int64).T
-    right, down = (pixel[inside] - np.stack([column, row], axis=1)).T
-    inverse_depth = (1 / frame.depth).ravel()
-    first = row * width + column
-    corners = inverse_depth[first[:, None] + [0, 1, width, width + 1]]  # (n, 4)
-    share = np.stack([(1 - right) * (1 - down), right * (1 - down), (1 - right) * down, right * down], axis=1)
-    mean = (corners * share).sum(axis=1)
-    mean[~(np.ptp(corners, axis=1) < SMOOTH * mean)] = np.nan
-    surface = np.full(len(points), np.nan)
-    surface[inside] = 1 / mean
-    return surface - depth, surface
+    inside = np.flatnonzero((depth > 0) & (column >= 0) & (row >= 0) & (column < width - 1) & (row < height - 1))
+    column, row = column[inside], row[inside]
+    left, top = column.astype(np.int64), row.astype(np.int64)  # rounds down: both are positive
+    squares = surface_squares(frame)
+    square = top * (width - 1) + left
+    use = np.flatnonzero(squares[0][square] > 0)
+    square, right, below = square[use], (column - left)[use], (row - top)[use]
+    trust, facing, base, across, down, twist = (part[square] for part in squares)
+    surface = 1 / (base + right * across + below * (down + right * twist))
+    distance, weight = np.zeros((2, len(points)))
+    before = surface - depth[inside[use]]
+    distance[inside[use]] = facing * before
+    weight[inside[use]] = np.where(before > -cutoff, trust, 0)
+    return distance, weight
+
+
+def surface_squares(frame: DepthFrame) -> tuple[Floats, ...]:
+    """For each square of four pixels ((H - 1)(W - 1),): trust, cosine of its slant, and 1/z as four bilinear terms.
+
+    1/z is linear across the image of a plane, so its slope tells how the surface faces the camera. Trust falls with
+    the slant (as in Curless & Levoy) and with the noise at that depth; it is 0 next to edges, where
+    two surfaces mix.
+    """
+    fx, fy, _, _ = frame.intrinsics
+    inverse_depth = 1 / frame.depth
+    a, b = inverse_depth[:-1, :-1], inverse_depth[:-1, 1:]
+    c, d = inverse_depth[1:, :-1], inverse_depth[1:, 1:]
+    slope = ((fx * (b - a)) ** 2 + (fy * (c - a)) ** 2) / a**2
+    spread = np.maximum(np.maximum(a, b), np.maximum(c, d)) - np.minimum(np.minimum(a, b), np.minimum(c, d))
+    facing = 1 / np.sqrt(1 + slope)
+    trust = (facing / axial_sigma(1 / a, np.zeros(1))) ** 2
+    edge = ~(spread < SMOOTH * a)  # or a pixel without return
+    trust[binary_dilation(edge, np.ones((3, 3), dtype=bool))] = 0
+    return tuple(part.ravel() for part in (trust, facing, a, b - a, c - a, a - b - c + d))
 
 
 def seen_through(frame: DepthFrame, centres: Floats, block_size: float) -> Bools:
     """Which blocks (centres (B, 3)) the frame's rays pass, with a block to spare before they meet a surface."""
-    pixel, depth = frame_pixels(frame, centres)
+    (column, row), depth = frame_pixels(frame, centres)
     height, width = frame.depth.shape
-    column, row = np.where(np.isfinite(pixel), np.clip(np.rint(pixel), -1, 10**6), -1).astype(np.int64).T
-    inside = np.flatnonzero((depth > 0) & (column >= 0) & (row >= 0) & (column < width) & (row < height))
+    inside = np.flatnonzero(
+        (depth > 0) & (column > -0.5) & (row > -0.5) & (column < width - 0.5) & (row < height - 0.5)
+    )
+    measured = frame.depth[np.rint(row[inside]).astype(np.int64), np.rint(column[inside]).astype(np.int64)]
     through = np.zeros(len(centres), dtype=bool)
-    through[inside] = frame.depth[row[inside], column[inside]] > depth[inside] + block_size
+    through[inside] = measured > depth[inside] + block_size
     return through
 
 
@@ -128,7 +157,7 @@ def zero_crossings(
 ) -> tuple[Floats, Floats]:
     """Points (N, 3) where the mean distance changes sign between neighbouring voxels, with the weight (N,) of the pair.
 
-    A step larger than twice the voxel is an outline, not a surface, and is left out.
+    Where it changes faster than distance can, there is an outline and no surface: left out.
     """
     grid = np.array(shape) * BLOCK + 1
     voxel = (blocks * BLOCK)[:, None] + np.indices((BLOCK,) * 3).reshape(3, -1).T  # (B, BLOCK^3, 3)
@@ -141,7 +170,7 @@ def zero_crossings(
         here = np.flatnonzero((index[flat + stride] >= 0) & np.isfinite(value))
         there = index[flat[here] + stride]
         a, b = value[here], value[there]
-        crossing = (np.sign(a) != np.sign(b)) & (np.abs(a - b) < 2 * voxel_size)
+        crossing = (np.sign(a) != np.sign(b)) & (np.abs(a - b) < STEEPEST * voxel_size)
         a, b, here, there = a[crossing], b[crossing], here[crossing], there[crossing]
         point = position[here].copy()
         point[:, axis] += voxel_size * a / (a - b)

@@ -16,10 +16,9 @@ CAMERA_FORWARD, CAMERA_RIGHT, CAMERA_UP = 0.1328, 0.0362, 0.0826  # nasa/astrobe
 POSE_ERROR = (0.01, np.radians(0.5))  # root mean square offset in metres and radians, one draw a frame
 REVISIT = (0.02, np.radians(1.0))  # the same, for coming back to a station
 STATIONS = (
-    (0.60, 0.80), (0.20, 0.80), (-0.15, 0.80), (0.60, 0.40), (0.20, 0.35),
-    (-0.10, 0.35), (0.55, 0.00), (0.25, -0.10), (-0.05, -0.15), (-0.40, -0.20),
+    (0.70, 0.82), (0.45, 0.84), (0.10, 0.80), (-0.36, 0.84), (0.60, 0.40), (0.10, 0.20), (0.50, -0.05), (-0.40, -0.20),
 )  # fmt: skip  # x, y of the robot in metres, clear of every object
-HEADINGS = np.radians([0, -45, -90, -135, -180])  # the walls at x = 1, y = -1, x = -1 and the corners between
+HEADINGS = np.radians([0, -30, -60, -90, -120, -150, -180])  # the walls at x = 1, y = -1, x = -1, and between them
 
 
 def camera_pose(x: float, y: float, heading: float) -> Floats:

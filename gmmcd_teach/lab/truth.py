@@ -39,8 +39,8 @@ def visible(points: Floats, scene: Scene, poses: Sequence[Floats], camera: Depth
     height, width = camera.shape
     for pose in poses:
         waiting = np.flatnonzero(~seen)
-        pixel, depth = project(transform(inverse(pose), points[waiting]), camera.intrinsics)
-        inside = (np.abs(pixel - [(width - 1) / 2, (height - 1) / 2]) <= [width / 2, height / 2]).all(axis=1)
+        (column, row), depth = project(transform(inverse(pose), points[waiting]), camera.intrinsics)
+        inside = (column > -0.5) & (column < width - 0.5) & (row > -0.5) & (row < height - 0.5)
         measurable = inside & (depth >= NEAREST) & (depth <= FARTHEST)
         tried, reach = waiting[measurable], depth[measurable]
         rays = transform(inverse(pose), points[tried]) / reach[:, None]

@@ -106,16 +106,19 @@ def voxel_downsample(points: ArrayLike, leaf_size: float) -> Voxels:
     points = check_points(points)
     columns = np.ascontiguousarray(points.T)  # (D, N)
     with np.errstate(over="ignore"):
-        cells = np.floor(columns / leaf_size)
+        cells = columns / leaf_size
+    np.floor(cells, out=cells)
     if np.abs(cells).max() >= 2.0**53:
         raise CloudError(f"points: reach too far for cells of {leaf_size} m; expected a larger leaf, or a nearer cloud")
     membership = _number(cells)
     counts = np.bincount(membership)
     member = np.empty(len(counts), dtype=np.int64)
     member[membership] = np.arange(len(points))  # one point of each cell: offsets from it are small, sums of them exact
-    offsets = columns - columns[:, member].take(membership, axis=1)
-    sums = np.stack([np.bincount(membership, weights=offset) for offset in offsets], axis=1)  # (M, D)
-    return Voxels(points[member] + sums / counts[:, None], counts, membership)
+    centroids = np.empty((len(counts), len(columns)))
+    for d, column in enumerate(columns):
+        start = column[member]
+        centroids[:, d] = start + np.bincount(membership, column - start[membership]) / counts
+    return Voxels(centroids, counts, membership)
 
 
 def _number(cells: Floats) -> NDArray[np.int64]:
@@ -125,7 +128,8 @@ def _number(cells: Floats) -> NDArray[np.int64]:
         cells = np.array([np.unique(axis, return_inverse=True)[1] for axis in cells])
     key = np.zeros(cells.shape[1], dtype=np.int64)
     for axis in cells.astype(np.int64):
-        key = key * (axis.max() + 1) + axis
+        key *= axis.max() + 1
+        key += axis
     if key.max() >= min(TABLE_CELLS, TABLE_SPARSITY * len(key)):
         return np.unique(key, return_inverse=True)[1]
     occupied = np.zeros(key.max() + 1, dtype=bool)

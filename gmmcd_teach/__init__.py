@@ -4,7 +4,7 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from gmmcd_teach.clouds import CloudError, read_cloud, write_cloud
+from gmmcd_teach.clouds import CloudError, read_cloud, read_fields, write_cloud
 from gmmcd_teach.detection import Detection
 from gmmcd_teach.em import MixtureFit, description_length, fit_mixture
 from gmmcd_teach.emd import Transport, bures_distances, emd, mean_distances
@@ -46,6 +46,7 @@ __all__ = [
     "mean_distances",
     "principal_axes",
     "read_cloud",
+    "read_fields",
     "simulate_pair",
     "statistical_outlier_mask",
     "tabletop_pair",

@@ -104,10 +104,9 @@ class Scene:
     def _in_rectangles(self, pose: Floats, rays: Floats) -> Iterator[NDArray[np.bool_]]:
         """For each solid, the rays (N,) inside the bounds of its corners' x / z and y / z as seen from `pose`."""
         x, y = np.ascontiguousarray(rays[:, :2].T)
-        corners = transform(inverse(pose), np.concatenate([solid.corners for _, solid in self.solids])).reshape(
-            -1, 8, 3
-        )
-        for corner in corners:
+        to_camera = inverse(pose)
+        for _, solid in self.solids:
+            corner = transform(to_camera, solid.corners)  # (8, 3)
             front = corner[:, 2] > 0
             if front.all():
                 left, top = (corner[:, :2] / corner[:, 2:]).min(axis=0) - 1e-9

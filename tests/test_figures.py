@@ -504,6 +504,14 @@ def test_a_view_loads_nothing(scene, tmp_path):
         assert all(source.startswith("data:") for source in sources)
         assert "@import" not in tags
         assert not re.search(r"""url\(\s*["']?https?:""", page)
+        addresses = set(re.findall(r"https?://[\w.-]+", page))
+        assert addresses <= {
+            "http://www.kitware.com",  # a licence and links in comments, and a base for relative addresses
+            "http://any",
+            "https://kitware.github.io",
+            "https://karthikkaranth.me",
+        }
+        assert "favicon-" not in page
 
 
 def test_the_legend_names_each_meaning_once_and_knows_its_actors(scene):

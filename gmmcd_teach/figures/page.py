@@ -98,16 +98,51 @@ window.global = {};  // where the viewer leaves what it has drawn
       camera.setPosition(...home[0]); camera.setFocalPoint(...home[1]); camera.setViewUp(...home[2]);
       layout();
     };
+    // The view turns about its upright axis and never tips over (degrees to the right and up).
+    const turn = (right, up) => {
+      const axis = home[2], sight = camera.getDirectionOfProjection();
+      const sine = -axis.reduce((sum, x, i) => sum + x * sight[i], 0) / Math.hypot(...axis);
+      const height = Math.asin(Math.min(Math.max(sine, -1), 1)) * 180 / Math.PI;
+      camera.setViewUp(...axis);
+      camera.azimuth(right);
+      camera.elevation(Math.min(Math.max(height + up, -85), 85) - height);
+    };
+    // The viewer's own drag skips moves that come more than 200 ms apart, as on slow machines; this one does not.
+    let last = null, asked = false;
+    const drawSoon = () => {
+      if (asked) return;
+      asked = true;
+      requestAnimationFrame(() => { asked = false; draw(); });
+    };
+    content.addEventListener("pointerdown", event => {
+      const turns = event.pointerType !== "touch" && event.button === 0 && !event.shiftKey && !event.ctrlKey;
+      if (!turns) return;
+      event.stopPropagation();
+      content.setPointerCapture(event.pointerId);
+      content.focus({ preventScroll: true });
+      last = event;
+    }, true);
+    content.addEventListener("pointermove", event => {
+      if (!last) return;
+      event.stopPropagation();
+      const degrees = 180 / content.clientHeight;
+      turn((last.clientX - event.clientX) * degrees, (event.clientY - last.clientY) * degrees);
+      last = event;
+      drawSoon();
+    }, true);
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
+      content.addEventListener(end, () => { last = null; });
+    }
+
     const moves = {
-      ArrowLeft: () => camera.azimuth(-6), ArrowRight: () => camera.azimuth(6),
-      ArrowUp: () => camera.elevation(6), ArrowDown: () => camera.elevation(-6),
+      ArrowLeft: () => turn(-6, 0), ArrowRight: () => turn(6, 0),
+      ArrowUp: () => turn(0, 6), ArrowDown: () => turn(0, -6),
       "+": () => camera.dolly(1.1), "=": () => camera.dolly(1.1), "-": () => camera.dolly(1 / 1.1),
     };
     content.addEventListener("keydown", event => {
       if (!moves[event.key]) return;
       event.preventDefault();
       moves[event.key]();
-      camera.orthogonalizeViewUp();
       draw();
     });
   };

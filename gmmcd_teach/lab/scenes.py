@@ -46,7 +46,7 @@ _CRATE_SOUTH = crate(at=pose_at(0.40, -0.77, 0, NORTH))
 _ASTROBEE_EAST = astrobee(at=pose_at(0.78, 0.25, 0, WEST))
 _ASTROBEE_WEST = astrobee(at=pose_at(-0.80, 0.86, 0, EAST))
 _ASTROBEE_DOCKED = astrobee(at=pose_at(DOCK_PLACE[0] + DOCK[0] / 2 + 0.18, DOCK_PLACE[1] + DOCK[1] / 4, 0, EAST))
-_TO_SOUTH, _TO_EAST = (0.05, 0.80, SOUTH), (-0.65, 0.10, EAST)
+_TO_SOUTH, _TO_EAST = (0.05, 0.80, SOUTH), (-0.50, 0.10, EAST)
 
 RECIPES = {
     "cargo_bag": Recipe("One frame: a cargo bag appears by the far wall.", (), (_BAG_SOUTH,), _TO_SOUTH),

@@ -16,7 +16,7 @@ CAMERA_FORWARD, CAMERA_RIGHT, CAMERA_UP = 0.1328, 0.0362, 0.0826  # nasa/astrobe
 POSE_ERROR = (0.01, np.radians(0.5))  # root mean square offset in metres and radians, one draw a frame
 REVISIT = (0.02, np.radians(1.0))  # the same, for coming back to a station
 STATIONS = (
-    (0.70, 0.82), (0.45, 0.84), (0.10, 0.80), (-0.36, 0.84), (0.60, 0.40), (0.10, 0.20), (0.50, -0.05), (-0.40, -0.20),
+    (0.70, 0.82), (0.45, 0.82), (0.10, 0.80), (-0.26, 0.82), (0.60, 0.40), (0.10, 0.20), (0.50, -0.05), (-0.40, -0.20),
 )  # fmt: skip  # x, y of the robot in metres, clear of every object
 HEADINGS = np.radians([0, -30, -60, -90, -120, -150, -180])  # the walls at x = 1, y = -1, x = -1, and between them
 

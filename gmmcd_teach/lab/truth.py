@@ -46,7 +46,8 @@ def visible(points: Floats, scene: Scene, poses: Sequence[Floats], camera: Depth
         rays = transform(inverse(pose), points[tried]) / reach[:, None]
         hits = scene.cast(pose, rays)
         cosine = -(hits.normal @ pose[:3, :3] * rays).sum(axis=1)  # times the ray's length
-        stopped = (reach - hits.depth) * cosine > TOLERANCE
+        met = np.isfinite(hits.depth)
+        stopped = (reach - np.where(met, hits.depth, 0)) * cosine > TOLERANCE
         slanted = cosine < np.cos(NONE_RETURN) * np.linalg.norm(rays, axis=1)
-        seen[tried[np.isfinite(hits.depth) & ~stopped & ~slanted]] = True
+        seen[tried[met & ~stopped & ~slanted]] = True
     return seen

@@ -37,9 +37,10 @@ def relative_density(eta: Floats, features: Floats, lowest: Floats) -> tuple[Flo
     with np.errstate(over="ignore"):
         density = np.exp(np.maximum(eta @ features, lowest))
         total = density.sum(axis=0)
-    if total.min() < 1e-290 or total.max() > 1e290:
-        features[-1] -= (eta @ features).max(axis=0)
-        density = np.exp(np.maximum(eta @ features, lowest))
+    if total.min() < 1e-100 or total.max() > 1e100:
+        log_joint = eta[:, :-1] @ features[:-1]
+        features[-1] = -log_joint.max(axis=0)
+        density = np.exp(np.maximum(log_joint + features[-1], lowest))
         total = density.sum(axis=0)
     return density, total
 
@@ -52,10 +53,10 @@ def maximise(
     A component that fewer than P / 2 points support dies. Where that would leave fewer than min_components, as when
     all die at once, only the weakest goes; at min_components none, and the M-step is the plain one.
     """
-    support, means, covariances = moments(sums, covariance_floor)
-    weights = modified_weights(support, (sums.shape[1] - 1) / 2, min_components)
+    weights = modified_weights(sums[:, 0], (sums.shape[1] - 1) / 2, min_components)
     alive = weights > 0
-    return GaussianMixture(weights[alive] / weights.sum(), means[alive], covariances[alive])
+    _, means, covariances = moments(sums[alive], covariance_floor)
+    return GaussianMixture(weights[alive] / weights.sum(), means, covariances)
 
 
 def modified_weights(support: Floats, penalty: float, min_components: int) -> Floats:

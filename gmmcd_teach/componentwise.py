@@ -26,23 +26,34 @@ def expect(mixture: GaussianMixture, blocks: list[Block]) -> tuple[float, Floats
 def maximise(
     mixture: GaussianMixture, features: Floats, blocks: list[Block], min_components: int, covariance_floor: float
 ) -> GaussianMixture:
-    """One sweep: for each component its own E-step (Eq. 7) and M-step (Eqs. 9 to 11) before the next one's turn."""
+    """One sweep: for each component its own E-step (Eq. 7) and M-step (Eqs. 9 to 11) before the next one's turn.
+
+    The share of a component is its weight of Eq. 11. Components too weak to live count in full until their own turn, so
+    that they die one by one and those that remain can take over their points. While all have more than P / 2 points,
+    no turn lets the penalised cost (Eq. 17) rise.
+    """
     counts = np.concatenate([block.counts for block in blocks])
-    penalty = (len(features) - 2) / 2  # P / 2
     alpha, means, covariances = (a.copy() for a in (mixture.weights, mixture.means, mixture.covariances))
     density = component_densities(means, covariances, features)  # (K, N), without the weights
     k = 0
     while k < len(alpha):
-        w = alpha[k] * density[k] * (counts / (alpha @ density))  # (N,) responsibilities of component k
-        support, mean, covariance = moments((features[:-1] @ w)[None], covariance_floor)
-        if len(alpha) > min_components and support[0] <= penalty:
+        penalty = (len(features) - 2) / 2 if len(alpha) > min_components else 0.0  # P / 2
+        total = alpha @ density  # (N,)
+        if total.min() < 1e-100 or total.max() > 1e100:  # a component left some points: their reference is too old
+            features = expect(GaussianMixture(alpha, means, covariances), blocks)[1]
+            density = component_densities(means, covariances, features)
+            total = alpha @ density
+        support = alpha * (density @ (counts / total))  # (K,)
+        if len(alpha) > min_components and support[k] <= penalty:
             alpha, means, covariances, density = (np.delete(a, k, axis=0) for a in (alpha, means, covariances, density))
             alpha /= alpha.sum()
             continue
-        share = (support[0] - (penalty if len(alpha) > min_components else 0.0)) / counts.sum()
-        if len(alpha) > 1:
-            alpha *= (1 - share) / (alpha.sum() - alpha[k])  # the others keep their proportions
-            alpha[k] = share
+        w = alpha[k] * density[k] * (counts / total)  # (N,) responsibilities of component k
+        _, mean, covariance = moments((features[:-1] @ w)[None], covariance_floor)
+        claims = np.where(support > penalty, support - penalty, support)  # (K,)
+        others = np.arange(len(alpha)) != k
+        alpha[others] *= (1 - claims[k] / claims.sum()) / (alpha[others].sum() or 1.0)  # they keep their proportions
+        alpha[k] = claims[k] / claims.sum()
         means[k], covariances[k] = mean[0], covariance[0]
         density[k] = component_densities(mean, covariance, features)[0]
         k += 1

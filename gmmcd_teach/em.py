@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Integral, Real
 from types import ModuleType
 
 import numpy as np
@@ -16,7 +17,7 @@ from numpy.typing import ArrayLike
 from gmmcd_teach import batch, componentwise
 from gmmcd_teach.clouds import CloudError, Floats, check_points
 from gmmcd_teach.features import Block, average_over_cells, blocks_of, quadratic_features
-from gmmcd_teach.mixture import GaussianMixture
+from gmmcd_teach.mixture import LARGEST, GaussianMixture, floats
 
 UPDATES: dict[str, ModuleType] = {"batch": batch, "componentwise": componentwise}
 
@@ -142,8 +143,8 @@ def fit_mixture(
     counts = check_weights(point_weights, len(s), max_components)
     centre = np.median(s, axis=0)  # far from the origin the squares would lose their digits
     s = s - centre
-    if np.abs(s).max() > 1e100:
-        raise CloudError("points: coordinates beyond 1e100 m; their squares overflow")
+    if np.abs(s).max() > LARGEST:
+        raise CloudError(f"points: coordinates beyond {LARGEST:.0e} m; their squares overflow")
 
     features = quadratic_features(s)  # (F, N)
     blocks = blocks_of(features, counts)
@@ -154,8 +155,10 @@ def fit_mixture(
     else:
         cells = blocks_of(*average_over_cells(s, features, counts, cell_size))
         fit = run.polish(run.path(start, cells), blocks)
+    log_likelihood = float(counts @ fit.mixture.log_density(s))  # from each mean: no digits lost to squares
+    length = mdl_penalty(fit.mixture.weights, counts.sum(), s.shape[1]) - log_likelihood
     moved = GaussianMixture(fit.mixture.weights, fit.mixture.means + centre, fit.mixture.covariances)
-    return MixtureFit(moved, fit.description_length, fit.log_likelihood, fit.history)
+    return MixtureFit(moved, length, log_likelihood, fit.history)
 
 
 @dataclass(frozen=True)
@@ -275,15 +278,15 @@ def check_options(
         ("covariance_floor", covariance_floor, 0),
     ):
         whole = name not in ("tol", "covariance_floor")
-        if not np.isfinite(value) or value < lowest or (whole and value != int(value)):
-            raise ValueError(f"{name} = {value}; expected a {'whole ' if whole else ''}number of at least {lowest}")
+        if not isinstance(value, Integral if whole else Real) or not lowest <= value < np.inf:
+            raise ValueError(f"{name} = {value!r}; expected a {'whole ' if whole else ''}number of at least {lowest}")
     if min_components > max_components:
         raise ValueError(f"min_components = {min_components}; expected at most max_components = {max_components}")
     for name, chosen, allowed in (("update", update, tuple(UPDATES)), ("init", init, ("random", "kmeans++"))):
         if chosen not in allowed:
             raise ValueError(f"{name} = {chosen!r}; expected one of {', '.join(map(repr, allowed))}")
-    if cell_size is not None and not (np.isfinite(cell_size) and cell_size > 0):
-        raise ValueError(f"cell_size = {cell_size}; expected metres above 0, or None")
+    if cell_size is not None and not (isinstance(cell_size, Real) and 0 < cell_size < np.inf):
+        raise ValueError(f"cell_size = {cell_size!r}; expected metres above 0, or None")
 
 
 def check_weights(point_weights: ArrayLike | None, n_points: int, n_components: int) -> Floats:
@@ -294,11 +297,10 @@ def check_weights(point_weights: ArrayLike | None, n_points: int, n_components: 
     >>> check_weights(None, 3, 1)
     array([1., 1., 1.])
     """
-    counts = np.ones(n_points) if point_weights is None else np.asarray(point_weights, dtype=np.float64)
+    counts = np.ones(n_points) if point_weights is None else floats(point_weights, "point_weights")
     if counts.shape != (n_points,) or not np.isfinite(counts).all() or counts.min() < 0:
         raise CloudError(f"point_weights: shape {counts.shape}; expected ({n_points},) finite weights of at least 0")
     if np.count_nonzero(counts) < n_components:
-        raise CloudError(
-            f"point_weights: {np.count_nonzero(counts)} above 0; at least max_components = {n_components} needed"
-        )
+        above = np.count_nonzero(counts)
+        raise CloudError(f"point_weights: {above} weights above zero; at least max_components = {n_components} needed")
     return counts

@@ -63,7 +63,7 @@ def average_over_cells(points: Floats, features: Floats, counts: Floats, cell_si
     [[1.0, 1.0], [0.2, 1.5], [0.05, 2.25]]
     """
     steps = np.floor((points - points.min(axis=0)) / cell_size)
-    if np.prod(steps.max(axis=0) + 1) > 2**62:
+    if np.log2(steps.max(axis=0) + 1).sum() > 62:
         raise CloudError(f"cell_size = {cell_size}: too many cells between the farthest points; take larger cells")
     _, member = np.unique(
         np.ravel_multi_index(steps.astype(np.int64).T, (steps.max(axis=0) + 1).astype(np.int64)), return_inverse=True
@@ -97,6 +97,8 @@ def natural_parameters(mixture: GaussianMixture) -> Floats:
 def moments(sums: Floats, covariance_floor: float) -> tuple[Floats, Floats, Floats]:
     """Support (K,), means (K, D) and covariances (K, D, D) from (K, F) sums of w_ik times features (Eqs. 9 and 10).
 
+    A covariance is a difference of squares. Where rounding could have eaten it, a CloudError says so.
+
     Examples
     --------
     >>> support, means, covariances = moments(np.array([[4.0, 8.0, 20.0]]), 0.0)
@@ -110,4 +112,13 @@ def moments(sums: Floats, covariance_floor: float) -> tuple[Floats, Floats, Floa
     upper = sums[:, 1 + d :] / support[:, None] - means[:, i] * means[:, j]
     covariances = np.empty((len(sums), d, d))
     covariances[:, i, j] = covariances[:, j, i] = upper
-    return support, means, covariances + covariance_floor * np.eye(d)
+    covariances += covariance_floor * np.eye(d)
+    smallest = np.linalg.eigvalsh(covariances)[:, 0]  # (K,)
+    squares = sums[:, 1 + d :][:, i == j].sum(axis=1) / support  # (K,) mean squared distance from the origin
+    if (smallest <= 16 * np.finfo(float).eps * squares).any():
+        k = int((smallest - 16 * np.finfo(float).eps * squares).argmin())
+        raise CloudError(
+            f"covariance of component {k}: flat, its smallest eigenvalue {smallest[k]:.3g} m^2 is lost in rounding; "
+            "raise covariance_floor"
+        )
+    return support, means, covariances

@@ -1,4 +1,4 @@
-"""The Gaussian mixture against SciPy and scikit-learn, and against what theory says of moved, turned and scaled space."""
+"""The Gaussian mixture against SciPy and scikit-learn, and against what theory says of moved and scaled space."""
 
 from __future__ import annotations
 
@@ -221,7 +221,7 @@ def test_a_subset_of_what_is_not_there_is_refused(indices):
 
 @pytest.mark.parametrize("n", [0, -3, 2.5, "two"])
 def test_a_number_of_samples_below_one_is_refused(n):
-    with pytest.raises(ValueError, match="n = .*; expected a whole number of at least 1"):
+    with pytest.raises(ValueError, match=r"n = .*; expected a whole number of at least 1"):
         GaussianMixture(*ONE).sample(n)
 
 

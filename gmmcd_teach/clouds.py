@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gmmcd_teach.formats import Fields, Malformed, arrays, pcd, ply, text
+from gmmcd_teach.formats import Fields, Malformed, arrays, depth, las, pcd, ply, text
 from gmmcd_teach.formats.atomic import write_atomically
 
 Floats = NDArray[np.float64]
 
-FORMATS = {
+Reader = Callable[..., Fields]
+Writer = Callable[[BinaryIO, Fields], None]
+FORMATS: dict[str, tuple[Reader, Writer]] = {
     ".ply": (ply.read_ply, ply.write_ply),
     ".pcd": (pcd.read_pcd, pcd.write_pcd),
     ".xyz": (text.read_text, text.write_xyz),
     ".csv": (text.read_text, text.write_csv),
     ".npy": (arrays.read_npy, arrays.write_npy),
     ".npz": (arrays.read_npz, arrays.write_npz),
+    ".las": (las.read_las, las.write_las),
+    ".laz": (las.read_las, las.write_laz),
+    ".png": (depth.read_points, depth.refuse_points),
 }
 
 
@@ -75,7 +81,8 @@ def read_cloud(path: str | os.PathLike[str]) -> Floats:
 
     Parameters
     ----------
-    path : a file whose suffix is one of .ply .pcd .xyz .csv .npy .npz.
+    path : a file whose suffix is one of .ply .pcd .xyz .csv .npy .npz, .las and .laz (where laspy is installed), or
+        .png: a depth image of 16 bits, with the .json beside it that `gmmcd_teach.formats.depth` describes.
 
     Raises
     ------
@@ -131,7 +138,8 @@ def read_fields(path: str | os.PathLike[str]) -> Fields:
     if not data:
         raise CloudError(f"{path}: empty; expected a {path.suffix} file of at least one point")
     try:
-        return FORMATS[path.suffix.lower()][0](data)
+        reader = FORMATS[path.suffix.lower()][0]
+        return reader(data, depth.sidecar(path)) if reader is depth.read_points else reader(data)
     except Malformed as problem:
         raise CloudError(f"{path}: {problem}") from None
 
@@ -140,8 +148,9 @@ def write_cloud(path: str | os.PathLike[str], points: ArrayLike, **per_point: Ar
     """Write points (N, 3) and named columns of N numbers, in the format of the suffix.
 
     The file appears complete or not at all. Numbers come back as they were; coordinates of a .pcd within 10
-    micrometres, since it holds float32 wherever that suffices. A .ply, .pcd, .xyz or .csv takes columns (N,), a .npz
-    also (N, k), a .npy none; booleans become 0 and 1 everywhere but in a .npz.
+    micrometres, since it holds float32 wherever that suffices, and those of a .las or .laz, whose steps are of that
+    size within 20 km. A .ply, .pcd, .las, .laz, .xyz or .csv takes columns (N,), a .npz also (N, k), a .npy none;
+    booleans become 0 and 1 everywhere but in a .npz.
 
     Raises
     ------

@@ -20,6 +20,8 @@ TEMPLATE = """<!doctype html>
   .legend { display: flex; flex-wrap: wrap; gap: .1rem .9rem; align-items: center; padding: .35rem .2rem .1rem; }
   .legend label { display: inline-flex; align-items: center; gap: .35rem; cursor: pointer; }
   .legend i { flex: none; width: 1.1rem; height: .8rem; border-radius: .15rem; box-shadow: 0 0 0 1px #8a9099; }
+  .legend .panels { display: inline-flex; }
+  .legend .panels button[aria-pressed="true"] { background: @INK@; color: #fff; }
   .legend button { border: 1px solid #8a9099; border-radius: .3rem; background: #fff; color: inherit; font: inherit; }
   .help { margin: 0; padding: 0 .2rem .2rem; font-size: 12px; color: #4a5058; }
   .blank { padding: 1rem; }
@@ -33,7 +35,7 @@ TEMPLATE = """<!doctype html>
   <div class="titles">@TITLES@</div>
 </div>
 <div class="legend" role="group" aria-label="Legend: switch each part on and off">
-  @LEGEND@<button type="button">Reset view</button>
+  @LEGEND@@PANELS@<button type="button">Reset view</button>
 </div>
 <p class="help">Drag to turn; click, then scroll to zoom; arrow keys turn, + and - zoom. @EXTENT@.</p>
 <!--below-->
@@ -71,14 +73,19 @@ window.global = {};  // where the viewer leaves what it has drawn
     const home = [camera.getPosition(), camera.getFocalPoint(), camera.getViewUp()];
     const draw = () => { renderers.forEach(renderer => renderer.resetCameraClippingRange()); scene.render(); };
 
+    let only = -1;  // the one panel that is shown, or -1 for all
     const layout = () => {
-      const { clientWidth: width, clientHeight: height } = content, n = parts.length;
+      const { clientWidth: width, clientHeight: height } = content, n = only < 0 ? parts.length : 1;
       if (!width || !height) return;
       const columns = Math.max(1, Math.min(n, Math.floor(width / 240))), rows = Math.ceil(n / columns);
-      renderers.forEach((renderer, i) => {
+      renderers.forEach((renderer, panel) => {
+        const shown = only < 0 || only === panel, i = only < 0 ? panel : 0;
+        renderer.setDraw(shown);
+        titles[panel].hidden = !shown;
+        if (!shown) return;
         const left = (i % columns) / columns, top = Math.floor(i / columns) / rows;
         renderer.setViewport(left, 1 - top - 1 / rows, left + 1 / columns, 1 - top);
-        titles[i].style.cssText = `left:${100 * (left + 0.5 / columns)}%;top:${100 * top}%`;
+        titles[panel].style.cssText = `left:${100 * (left + 0.5 / columns)}%;top:${100 * top}%`;
       });
       const narrow = (width / columns) / (height / rows) < aspect;
       camera.setUseHorizontalViewAngle(narrow);
@@ -94,7 +101,15 @@ window.global = {};  // where the viewer leaves what it has drawn
       }));
       draw();
     });
-    find(".legend button").onclick = () => {
+    const choices = [...document.querySelectorAll(".panels button")];
+    choices.forEach(button => {
+      button.onclick = () => {
+        only = Number(button.value);
+        choices.forEach(other => other.setAttribute("aria-pressed", other === button));
+        layout();
+      };
+    });
+    find(".legend > button").onclick = () => {
       camera.setPosition(...home[0]); camera.setFocalPoint(...home[1]); camera.setViewUp(...home[2]);
       layout();
     };

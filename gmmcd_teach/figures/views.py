@@ -223,6 +223,7 @@ def _page(view: View) -> str:
         "ALT": escape(view.alt),
         "TITLES": "".join(f"<b>{escape(title)}</b>" for title in view.panels),
         "LEGEND": legend,
+        "PANELS": _panel_switch(list(view.panels)),
         "EXTENT": f"x, y, z extent {extent} m",
         "PARTS": json.dumps(parts),
         "ANGLE": f"{VIEW_ANGLE:g}",
@@ -231,6 +232,17 @@ def _page(view: View) -> str:
         "VIEWER": _viewer(),
     }
     return re.sub("@([A-Z]+)@", lambda match: fields[match[1]], TEMPLATE)
+
+
+def _panel_switch(titles: Sequence[str]) -> str:
+    """Return buttons that show all panels or one of them, so that the eye can flick between them in one place."""
+    if len(titles) < 2:
+        return ""
+    buttons = "".join(
+        f'<button type="button" value="{i}" aria-pressed="{str(i < 0).lower()}">{escape(title)}</button>'
+        for i, title in enumerate(["side by side", *titles], start=-1)
+    )
+    return f'<span class="panels" role="group" aria-label="Show">{buttons}</span>'
 
 
 @cache

@@ -110,7 +110,7 @@ def read_cloud(path: str | os.PathLike[str]) -> Floats:
 
 
 def read_fields(path: str | os.PathLike[str]) -> Fields:
-    """Return every column of a cloud file by its name, as stored: x, y, z, and labels, colours, normals, ...
+    """Return every column of the file at `path` by its name, as stored: x, y, z, and labels, colours, normals, ...
 
     Each is an array (N,), or (N, k) where a point has k numbers under one name. The columns of an organised .pcd
     have the shape of the depth image that they come from, (H, W), NaN where nothing was measured.
@@ -145,7 +145,7 @@ def read_fields(path: str | os.PathLike[str]) -> Fields:
 
 
 def write_cloud(path: str | os.PathLike[str], points: ArrayLike, **per_point: ArrayLike) -> None:
-    """Write points (N, 3) and named columns of N numbers, in the format of the suffix.
+    """Write points (N, 3) and the columns `per_point` of N numbers, in the format of the suffix.
 
     The file appears complete or not at all. Numbers come back as they were; coordinates of a .pcd within 10
     micrometres, since it holds float32 wherever that suffices, and those of a .las or .laz, whose steps are of that

@@ -118,6 +118,8 @@ def detect_greedy(
     filtered = [prepare(cloud, leaf_size, outlier_filter) for cloud in clouds]
     watch("filter")
     if n_principal_axes is not None:
+        if n_principal_axes not in range(1, clouds[0].shape[1] + 1):
+            raise ValueError(f"n_principal_axes = {n_principal_axes!r}; expected 1 to {clouds[0].shape[1]}, or None")
         axes = principal_axes(np.concatenate(filtered))
         clouds = axes.project(clouds[0], n_principal_axes), axes.project(clouds[1], n_principal_axes)
         filtered = [axes.project(cloud, n_principal_axes) for cloud in filtered]

@@ -80,6 +80,11 @@ def mdl_penalty(weights: ArrayLike, n_points: float, n_dimensions: int) -> float
 def description_length(mixture: GaussianMixture, points: ArrayLike) -> float:
     """Nats that the mixture and then the points take to tell: penalty minus log-likelihood (Eqs. 15 to 17).
 
+    Raises
+    ------
+    CloudError
+        The points, (N, D) in metres, cannot be used or do not have the mixture's dimension.
+
     Examples
     --------
     >>> one = GaussianMixture([1.0], [[0.0]], [[[1.0]]])
@@ -194,7 +199,7 @@ class EMRun:
         return MixtureFit(last.mixture, last.description_length, last.log_likelihood, fit.history + last.history)
 
     def converge(self, mixture: GaussianMixture, blocks: list[Block], events: tuple[str, str]) -> MixtureFit:
-        """E-steps and M-steps in turn until the log-likelihood stands still or max_iter is reached at one K."""
+        """E-steps and M-steps in turn, uphill (Eq. 5), until the log-likelihood stands still or max_iter is reached."""
         n_points = sum(float(block.counts.sum()) for block in blocks)
 
         def note(event: str) -> None:
@@ -289,7 +294,7 @@ def check_options(
         raise ValueError(f"cell_size = {cell_size!r}; expected metres above 0, or None")
 
 
-def check_weights(point_weights: ArrayLike | None, n_points: int, n_components: int) -> Floats:
+def check_weights(weights: ArrayLike | None, n_points: int, n_components: int, name: str = "point_weights") -> Floats:
     """(N,) weights as float64, ones by default; a CloudError where they are not one finite weight >= 0 a point.
 
     Examples
@@ -297,10 +302,14 @@ def check_weights(point_weights: ArrayLike | None, n_points: int, n_components: 
     >>> check_weights(None, 3, 1)
     array([1., 1., 1.])
     """
-    counts = np.ones(n_points) if point_weights is None else floats(point_weights, "point_weights")
-    if counts.shape != (n_points,) or not np.isfinite(counts).all() or counts.min() < 0:
-        raise CloudError(f"point_weights: shape {counts.shape}; expected ({n_points},) finite weights of at least 0")
-    if np.count_nonzero(counts) < n_components:
-        above = np.count_nonzero(counts)
-        raise CloudError(f"point_weights: {above} weights above zero; at least max_components = {n_components} needed")
+    counts = np.ones(n_points) if weights is None else floats(weights, name)
+    if counts.shape != (n_points,):
+        raise CloudError(f"{name}: shape {counts.shape}; expected ({n_points},)")
+    if not np.isfinite(counts).all() or counts.min() < 0:
+        raise CloudError(f"{name}: from {counts.min():.3g} to {counts.max():.3g}; expected finite weights >= 0")
+    above = np.count_nonzero(counts)
+    if above < n_components:
+        raise CloudError(
+            f"{name}: {above} weights above zero; at least one for each of {n_components} components needed"
+        )
     return counts

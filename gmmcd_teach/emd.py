@@ -79,7 +79,12 @@ def emd(
 
 
 def mean_distances(p: GaussianMixture, q: GaussianMixture) -> Floats:
-    """(K, L) Euclidean distances between the means of two mixtures, metres: the paper's ground distance.
+    """(K, L) Euclidean distances between the means of mixtures p and q, metres: the paper's ground distance.
+
+    Raises
+    ------
+    CloudError
+        The mixtures differ in dimension.
 
     Examples
     --------
@@ -92,9 +97,14 @@ def mean_distances(p: GaussianMixture, q: GaussianMixture) -> Floats:
 
 
 def bures_distances(p: GaussianMixture, q: GaussianMixture) -> Floats:
-    """(K, L) 2-Wasserstein distances between the Gaussians of two mixtures, metres.
+    """(K, L) 2-Wasserstein distances between the Gaussians of mixtures p and q, metres.
 
     d^2 = |mu_p - mu_q|^2 + tr(A + B - 2 (A^1/2 B A^1/2)^1/2): position and shape (Dowson & Landau 1982).
+
+    Raises
+    ------
+    CloudError
+        The mixtures differ in dimension.
 
     Examples
     --------

@@ -11,7 +11,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from gmmcd_teach.clouds import Floats
-from gmmcd_teach.em import description_length, fit_mixture
+from gmmcd_teach.em import check_options, check_weights, description_length, fit_mixture
 
 
 class MDLGaussianMixture(DensityMixin, ClusterMixin, BaseEstimator):
@@ -24,7 +24,7 @@ class MDLGaussianMixture(DensityMixin, ClusterMixin, BaseEstimator):
     Parameters
     ----------
     max_components, min_components, tol, max_iter, update, init, cell_size, covariance_floor
-        See `fit_mixture`. With fewer samples than max_components, the maximum is lowered to their number.
+        See `fit_mixture`. With fewer distinct samples than max_components, the maximum is lowered to their number.
     random_state : None, int or RandomState
         Seed of the starting means.
 
@@ -68,41 +68,45 @@ class MDLGaussianMixture(DensityMixin, ClusterMixin, BaseEstimator):
         self.random_state = random_state
 
     def fit(self, X: ArrayLike, y: object = None, sample_weight: ArrayLike | None = None) -> MDLGaussianMixture:
-        """Fit to samples X of shape (N, D); sample_weight (N,) says how many points each stands for."""
+        """Fit to samples X of shape (N, D); sample_weight (N,) says how many points each stands for.
+
+        Equal samples are counted together first, in sorted order: a weight of 3 is three samples, a weight of 0 none,
+        and the order of the samples does not matter.
+        """
         X = np.asarray(validate_data(self, X, dtype=np.float64, ensure_min_samples=2))
-        fit = fit_mixture(
-            X,
-            min(self.max_components, len(X)),
-            min(self.min_components, len(X)),
-            tol=self.tol,
-            max_iter=self.max_iter,
-            update=self.update,
-            init=self.init,
-            point_weights=sample_weight,
-            cell_size=self.cell_size,
-            covariance_floor=self.covariance_floor,
-            rng=int(check_random_state(self.random_state).randint(2**31 - 1)),
-        )
+        counts = check_weights(sample_weight, len(X), 1, "sample_weight")
+        distinct, member = np.unique(X[counts > 0], axis=0, return_inverse=True)
+        options = self.get_params(deep=False)
+        seed = int(check_random_state(options.pop("random_state")).randint(2**31 - 1))
+        check_options(**options)
+        for name in ("max_components", "min_components"):
+            options[name] = min(options[name], len(distinct))
+        weights = np.bincount(member.ravel(), counts[counts > 0])
+        fit = fit_mixture(distinct, **options, point_weights=weights, rng=seed)
         self.mixture_ = fit.mixture
         self.weights_, self.means_, self.covariances_ = fit.mixture.weights, fit.mixture.means, fit.mixture.covariances
         self.n_components_ = fit.mixture.n_components
         self.description_length_ = fit.description_length
         self.history_ = fit.history
-        self.n_iter_ = sum(record.event in ("step", "annihilated") for record in fit.history)
+        starts = sum(record.event in ("start", "removed") for record in fit.history) + (self.cell_size is not None)
+        self.n_iter_ = len(fit.history) - starts
         self.labels_ = fit.mixture.assign(X)
         return self
 
     def predict(self, X: ArrayLike) -> NDArray[np.intp]:
         """(N,) component of largest posterior for each sample."""
-        return self.mixture_.assign(self._samples(X))
+        samples = self._samples(X)
+        return self.mixture_.assign(samples)
 
     def predict_proba(self, X: ArrayLike) -> Floats:
         """(N, K) posterior of each component; rows sum to 1."""
-        return self.mixture_.responsibilities(self._samples(X))
+        samples = self._samples(X)
+        return self.mixture_.responsibilities(samples)
 
     def score_samples(self, X: ArrayLike) -> Floats:
         """(N,) log-density of each sample."""
-        return self.mixture_.log_density(self._samples(X))
+        samples = self._samples(X)
+        return self.mixture_.log_density(samples)
 
     def score(self, X: ArrayLike, y: object = None) -> float:
         """Mean log-density of the samples, as scikit-learn's mixtures have it: larger is better."""
@@ -110,7 +114,8 @@ class MDLGaussianMixture(DensityMixin, ClusterMixin, BaseEstimator):
 
     def description_length(self, X: ArrayLike) -> float:
         """Figueiredo & Jain's criterion on X, in nats: smaller is better."""
-        return description_length(self.mixture_, self._samples(X))
+        samples = self._samples(X)
+        return description_length(self.mixture_, samples)
 
     def sample(self, n_samples: int = 1) -> tuple[Floats, NDArray[np.intp]]:
         """n_samples points from the mixture, and the component of largest posterior of each."""

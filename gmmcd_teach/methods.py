@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from gmmcd_teach.clouds import CloudError, check_points
 from gmmcd_teach.detection import Detection, detect_greedy
 from gmmcd_teach.em import fit_mixture
+from gmmcd_teach.mixture import floats
 
 METHODS: dict[str, Callable[..., Detection]] = {"greedy": detect_greedy}
 
@@ -110,10 +111,7 @@ def check_origin(origin: ArrayLike | None, name: str, n_dimensions: int) -> np.n
     """
     if origin is None:
         return None
-    try:
-        position = np.asarray(origin, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise CloudError(f"{name}: not an array of numbers; expected ({n_dimensions},) metres") from None
+    position = floats(origin, name)
     if position.shape != (n_dimensions,) or not np.isfinite(position).all():
         raise CloudError(f"{name}: shape {position.shape}; expected ({n_dimensions},) finite metres")
     return position

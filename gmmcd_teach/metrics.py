@@ -55,7 +55,7 @@ def _ratio(part: int, whole: int, empty: float = float("nan")) -> float:
 
 
 def confusion(predicted: ArrayLike, actual: ArrayLike) -> Confusion:
-    """Compare two boolean arrays of shape (N,): what was claimed and what was true.
+    """Compare two boolean arrays of shape (N,): what was predicted and what is the actual truth.
 
     Raises
     ------

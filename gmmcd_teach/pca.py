@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Integral
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,8 +34,8 @@ class PrincipalAxes:
         ValueError
             n_components is not between 1 and D.
         """
-        if not 1 <= n_components <= len(self.axes):
-            raise ValueError(f"n_components = {n_components}; expected 1 to {len(self.axes)}")
+        if not isinstance(n_components, Integral) or not 1 <= n_components <= len(self.axes):
+            raise ValueError(f"n_components = {n_components!r}; expected a whole number from 1 to {len(self.axes)}")
         return (check_points(points, dimensions=(len(self.mean),)) - self.mean) @ self.axes[:n_components].T
 
     def reconstruct(self, scores: ArrayLike) -> Floats:

@@ -82,15 +82,20 @@ def index(root: Path = ROOT) -> dict[str, Places]:
     return places
 
 
+def words(test: str) -> str:
+    """What a test says: "test_equations.test_eq_08_a_b" says "a b"."""
+    return re.sub(r"^test_(?:eq_(?:\d\d_)+|algorithm_1_)", "", test.split(".")[-1]).replace("_", " ")
+
+
 class EquationIndex(FromMyst):
     """The index as a table, each name a link."""
 
     def run(self) -> list[Any]:
         rows = ["| Equation | Functions that name it | Taught in | Tested by |", "|:--|:--|:--|:--|"]
         for equation, where in index().items():
-            functions = ", ".join(f"{{py:obj}}`~gmmcd_teach.{name}`" for name in where.functions)
+            functions = ", ".join(f"{{py:obj}}`{name} <gmmcd_teach.{name}>`" for name in where.functions)
             chapters = ", ".join(f"{{chapter}}`{int(doc.split('/')[1][:2])}`" for doc in where.chapters)
-            tests = ", ".join(f"`{name.split('.')[-1]}`" for name in where.tests)
+            tests = ", ".join(words(name) for name in where.tests)
             title = equation if equation == ALGORITHM else f"Eq. {equation}"
             rows.append(f"| {title} | {functions} | {chapters} | {tests} |")
         return self.parse("\n".join(rows))

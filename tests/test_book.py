@@ -238,11 +238,8 @@ def test_every_module_has_its_page(texts: dict[str, str]) -> None:
 @book
 @pytest.mark.slow
 def test_chapters_bear_the_number_of_their_file(written: dict[str, Page]) -> None:
-    numbers = [int(path.name[:2]) for path in sorted((ROOT / "notebooks").glob("*.ipynb"))]
-    if numbers != list(range(1, len(numbers) + 1)):
-        pytest.skip("chapters are missing, so the book counts on without them")
     for name, page in written.items():
-        if name.startswith("notebooks/"):
+        if name.startswith("notebooks/") and name.split("/")[1][:2].isdigit():
             number = f"{int(name.split('/')[1][:2])}."
             assert any(heading.startswith(number) for heading in page.headings), name
 

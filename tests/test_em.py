@@ -365,6 +365,13 @@ def test_where_all_would_die_at_once_only_the_weakest_goes():
     ]
 
 
+@BOTH_UPDATES
+def test_exactly_half_of_p_points_are_too_few(update):
+    """Nine points on one place, two components: 4.5 points each, and Eq. 11 gives them weight 0."""
+    history = fit_mixture(np.zeros((9, 3)), 2, update=update).history
+    assert [(record.n_components, record.event) for record in history[:2]] == [(2, "start"), (1, "annihilated")]
+
+
 def test_component_wise_all_but_a_few_die_one_by_one():
     """The same cloud: each death leaves points for the next, so that as many live as can have P / 2 points each."""
     history = fit_mixture(np.zeros((100, 3)), 25, update="componentwise").history

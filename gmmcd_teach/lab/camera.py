@@ -25,7 +25,7 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from gmmcd_teach.lab.pair import DepthFrame
 from gmmcd_teach.lab.shapes import Floats, Ints, inverse, transform
-from gmmcd_teach.lab.world import Scene
+from gmmcd_teach.lab.world import FACES, Scene
 
 WIDTH, HEIGHT = 224, 172
 INTRINSICS = (188.27394, 186.18359, 117.94881, 87.740547)  # fx, fy, cx, cy in pixels
@@ -139,7 +139,9 @@ class DepthCamera:
         own = pixel_rays(columns.astype(float), rows.astype(float), self.intrinsics)  # (n, 3)
         looked = pixel_rays(columns + jitter[0] + right, rows + jitter[1] + down, self.intrinsics)  # (s, n, 3)
         size = 2 * EDGE_REACH + 3
-        around = [maximum_filter(view.face // 6 == k, size)[edge] for k in range(len(scene.solids))]
+        around = np.zeros((len(scene.solids), len(rows)), dtype=bool)
+        for k in np.unique(view.face[view.face >= 0] // FACES):
+            around[k] = maximum_filter(view.face // FACES == k, size)[edge]
         hits = scene.cast(pose, looked.reshape(-1, 3), np.tile(around, len(down)))
         met = np.isfinite(hits.depth)
         normal = (hits.normal @ pose[:3, :3]).reshape(looked.shape)

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from gmmcd_teach.lab.shapes import Floats, Ints, Solid, inverse, transform
 
+FACES = 6  # at most, of one solid
+
 
 class Hits(NamedTuple):
     """What rays meet first: depth in metres (inf: nothing), thing, face, outward normal in the world.
@@ -98,7 +100,7 @@ class Scene:
             thing, solid = self.solids[k]
             own = np.flatnonzero(solid_at == k)
             face, hits.normal[own] = solid.surface(pose[:3, 3] + (depth[own] * directions[:, own]).T)
-            hits.thing[own], hits.face[own] = thing, 6 * k + face
+            hits.thing[own], hits.face[own] = thing, FACES * k + face
         return hits
 
     def _in_rectangles(self, pose: Floats, rays: Floats) -> Iterator[NDArray[np.bool_]]:

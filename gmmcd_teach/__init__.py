@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 from gmmcd_teach.clouds import CloudError, read_cloud, read_fields, write_cloud
 from gmmcd_teach.detection import Detection
-from gmmcd_teach.em import MixtureFit, description_length, fit_mixture
+from gmmcd_teach.em import MixtureFit, fit_mixture
 from gmmcd_teach.emd import Transport, bures_distances, emd, mean_distances
 from gmmcd_teach.extraction import Extraction, extract_changes
 from gmmcd_teach.filtering import Voxels, statistical_outlier_mask, voxel_downsample
+from gmmcd_teach.mdl import description_length
 from gmmcd_teach.methods import METHODS, detect_changes
 from gmmcd_teach.metrics import Confusion, component_truth, confusion
 from gmmcd_teach.mixture import GaussianMixture

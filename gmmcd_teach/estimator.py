@@ -11,7 +11,9 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from gmmcd_teach.clouds import Floats
-from gmmcd_teach.em import check_options, check_weights, description_length, fit_mixture
+from gmmcd_teach.em import fit_mixture
+from gmmcd_teach.mdl import description_length
+from gmmcd_teach.starts import check_options, check_weights
 
 
 class MDLGaussianMixture(DensityMixin, ClusterMixin, BaseEstimator):

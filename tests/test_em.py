@@ -16,8 +16,10 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.mixture import GaussianMixture as SklearnMixture
 
 from gmmcd_teach import CloudError, GaussianMixture, description_length, fit_mixture
-from gmmcd_teach.em import UPDATES, EMRun, MixtureFit, mdl_penalty, n_parameters, starting_mixture
+from gmmcd_teach.em import UPDATES, EMRun, MixtureFit
 from gmmcd_teach.features import average_over_cells, blocks_of, natural_parameters, quadratic_features
+from gmmcd_teach.mdl import mdl_penalty, n_parameters
+from gmmcd_teach.starts import starting_mixture
 
 SEEDS = st.integers(0, 2**32 - 1)
 BOTH_UPDATES = pytest.mark.parametrize("update", ["batch", "componentwise"])

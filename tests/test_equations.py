@@ -23,8 +23,8 @@ from gmmcd_teach import (
     mean_distances,
 )
 from gmmcd_teach.batch import expect, maximise, modified_weights
-from gmmcd_teach.em import mdl_penalty, n_parameters
 from gmmcd_teach.features import blocks_of, quadratic_features
+from gmmcd_teach.mdl import mdl_penalty, n_parameters
 
 K, D, N = 3, 2, 40
 RNG = np.random.default_rng(5)

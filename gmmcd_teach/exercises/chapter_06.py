@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from gmmcd_teach.clouds import Floats
-from gmmcd_teach.em import description_length, mdl_penalty, n_parameters
 from gmmcd_teach.exercises.checking import Exercise, Mistake, register
+from gmmcd_teach.mdl import description_length, mdl_penalty, n_parameters
 from gmmcd_teach.mixture import GaussianMixture
 
 Settle = Callable[[Floats, GaussianMixture], GaussianMixture]

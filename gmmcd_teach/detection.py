@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from gmmcd_teach.clouds import Floats, check_points
 from gmmcd_teach.em import Record, fit_mixture

@@ -6,6 +6,8 @@ import http.server
 import json
 import os
 import shutil
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -203,6 +205,18 @@ def test_other_content_is_refused(nowhere):
     write_cloud(nowhere / "tabletop/learn6.pcd", np.ones((3, 3)))
     with pytest.raises(CloudError, match="not the recorded file"):
         tabletop_pair("tea_box_moved_front_to_back", nowhere)
+
+
+def test_fetching_says_nothing_on_stderr(served, nowhere):
+    """What a chapter prints there fails the book; a fresh process, for pooch keeps the first stderr that it saw."""
+    code = (
+        "from pathlib import Path\nfrom gmmcd_teach.lab import tabletop\n"
+        f"tabletop._cache = lambda: Path({str(nowhere / 'fresh')!r})\n"
+        f"tabletop.SOURCE, tabletop._SHA256 = {tabletop.SOURCE!r}, {tabletop._SHA256!r}\n"
+        "assert len(tabletop.tabletop_pair('tea_box_moved_front_to_back').before) == 5"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_fetched_once_then_from_the_cache(served, monkeypatch):

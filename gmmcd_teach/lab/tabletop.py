@@ -249,6 +249,7 @@ def _fetch(stem: str, folder: str) -> Path:
     """Return the copy in the download cache, fetched now if it is not there or damaged."""
     import pooch
 
+    pooch.get_logger().setLevel("WARNING")  # its news of a download, on stderr, would fail a build of the book
     url = f"{SOURCE}/{_REMOTE[folder]}/{stem}.pcd"
     try:
         return Path(

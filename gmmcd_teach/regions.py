@@ -1,16 +1,18 @@
-"""From changed points to things: the connected groups of points that appeared or disappeared."""
+"""From changed points to things: the connected groups of points that appeared or disappeared (chapter 18)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from gmmcd_teach.clouds import Floats, check_points
+from gmmcd_teach.clouds import CloudError, Floats, check_points
+
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -22,14 +24,18 @@ class Region:
     n_points : how many points.
     center : (x, y, z) metres, middle of the box around them.
     size : (x, y, z) metres, edges of that box.
+    confidence : share of its points that the other scan contradicts, 0 to 1; None where that was not asked.
     """
 
     n_points: int
     center: tuple[float, ...]
     size: tuple[float, ...]
+    confidence: float | None = None
 
 
-def find_regions(points: ArrayLike, reach: float | None = None, smallest: int = 10) -> list[Region]:
+def find_regions(
+    points: ArrayLike, reach: float | None = None, smallest: int = 10, *, contradicted: ArrayLike | None = None
+) -> list[Region]:
     """Groups of points that hang together, the largest first.
 
     Parameters
@@ -38,11 +44,12 @@ def find_regions(points: ArrayLike, reach: float | None = None, smallest: int = 
     reach : metres: points hang together when they lie in the same cube of this edge, or in cubes that touch; None takes
         three times their median spacing.
     smallest : groups of fewer points are left out.
+    contradicted : (N,) bool, see `contradicted_by`; the share in a group is its confidence.
 
     Raises
     ------
     CloudError
-        The points are not (N, D) finite numbers.
+        The points are not (N, D) finite numbers, or `contradicted` is not (N,) bool.
     ValueError
         `reach` is not above 0.
 
@@ -53,21 +60,66 @@ def find_regions(points: ArrayLike, reach: float | None = None, smallest: int = 
     [125, 50]
     """
     s = check_points(points, "changed points", minimum=0)
+    votes = None if contradicted is None else np.asarray(contradicted)
+    if votes is not None and (votes.shape != (len(s),) or votes.dtype != bool):
+        raise CloudError(f"contradicted: {votes.dtype} of shape {votes.shape}; expected bool of shape ({len(s)},)")
     if reach is not None and not reach > 0:
         raise ValueError(f"reach = {reach}; expected metres above 0, or None")
-    if len(s) < 2:
-        return [_region(s)] if len(s) >= smallest else []
+    if len(s) < max(2, smallest):
+        return [_region(s, votes)] if len(s) >= smallest and len(s) else []
     if reach is None:
         spacing = np.asarray(cKDTree(s).query(s, k=2)[0])[:, 1]
         reach = 3 * float(np.median(spacing)) or 0.01
     cells, member = np.unique(np.floor(s / reach), axis=0, return_inverse=True)
     pairs = cKDTree(cells).query_pairs(1.5, p=np.inf, output_type="ndarray")
     links = coo_array((np.ones(len(pairs), dtype=bool), pairs.T), shape=(len(cells), len(cells)))
-    group = connected_components(links, directed=False)[1][member.ravel()]
-    found = [_region(s[group == number]) for number in range(group.max() + 1)]
-    return sorted((r for r in found if r.n_points >= smallest), key=lambda r: -r.n_points)
+    group = connected_components(links, directed=False)[1][member.ravel()]  # (N,)
+    order = np.argsort(group, kind="stable")
+    chunks = np.split(order, np.cumsum(np.bincount(group))[:-1])
+    found = [_region(s[chunk], None if votes is None else votes[chunk]) for chunk in chunks if len(chunk) >= smallest]
+    return sorted(found, key=lambda region: -region.n_points)
 
 
-def _region(points: Floats) -> Region:
+def contradicted_by(
+    points: ArrayLike, other: ArrayLike, *, origin: ArrayLike | None = None, tolerance: float | None = None
+) -> Bools:
+    """Which points (N, 3) of a scan the `other` scan (M, 3) contradicts, (N,) bool: evidence of its own for a change.
+
+    With `origin` (3,), where the other scan was taken from: the other scan looked past the point, at something farther
+    away. Without: nothing of the other scan is near. That is weaker, since nothing is near a surface either that the
+    other scan could not see. Near is within `tolerance` metres; None takes three times the spacing of the points or
+    three times the median distance between the two scans, whichever is larger, so that noise and a scan laid slightly
+    askew are no evidence; `points` must then be the whole scan.
+
+    Raises
+    ------
+    CloudError
+        A cloud is not (N, 3) finite numbers.
+
+    Examples
+    --------
+    >>> wall = np.stack(np.meshgrid(np.linspace(-1, 1, 50), np.linspace(-1, 1, 50), [2.0]), axis=-1).reshape(-1, 3)
+    >>> new = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 2.0], [0.0, 0.0, 3.0]])  # before, on and behind the wall
+    >>> contradicted_by(new, wall, tolerance=0.1)
+    array([ True, False,  True])
+    >>> contradicted_by(new, wall, origin=[0, 0, 0], tolerance=0.1)
+    array([ True, False, False])
+    """
+    from gmmcd_teach.beyond.surface import point_spacing
+    from gmmcd_teach.beyond.visibility import looks_from
+
+    s, rest = check_points(points, "points", minimum=0, dimensions=(3,)), check_points(other, "other", dimensions=(3,))
+    if len(s) == 0:
+        return np.zeros(0, dtype=bool)
+    distance = np.asarray(cKDTree(rest).query(s)[0])
+    if tolerance is None:
+        tolerance = 3 * max(point_spacing(rest), float(np.median(distance)))
+    if origin is None:
+        return distance > tolerance
+    return np.asarray(looks_from(s, np.asarray(origin, dtype=np.float64), rest, tolerance).past > 0)
+
+
+def _region(points: Floats, votes: Bools | None) -> Region:
     low, high = points.min(axis=0), points.max(axis=0)
-    return Region(len(points), tuple(map(float, (low + high) / 2)), tuple(map(float, high - low)))
+    middle, size = tuple(map(float, (low + high) / 2)), tuple(map(float, high - low))
+    return Region(len(points), middle, size, None if votes is None else float(votes.mean()))

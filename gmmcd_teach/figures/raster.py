@@ -13,6 +13,7 @@ from .style import INK, PAPER
 
 Image = NDArray[np.uint8]
 RING = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
+FAR = 1e9  # metres, the distance of an empty pixel
 REACHES = (2, 5, 12)  # pixels: edges, dents, larger shapes
 
 
@@ -38,35 +39,34 @@ def raster(meshes: Sequence[Mesh], camera: Camera, width: int = 480, height: int
     ahead = (depth > 0) & (flat > -9).all(axis=1) & (flat < [wide + 9, high + 9]).all(axis=1)
     order = np.flatnonzero(ahead)[np.argsort(-depth[ahead], kind="stable")]  # far ones first: near ones overwrite them
     column, row = np.floor(flat[order]).astype(np.intp).T
-    image = np.empty((high, wide, 3))
-    image[:] = rgb(PAPER)
-    distance = np.full((high, wide), np.inf)
+    distance = np.full(high * wide, np.inf)
+    owner = np.full(high * wide, len(points))
     reach = int(np.clip(np.ceil(np.sqrt(wide * high / max(len(order), 1)) / 2), 1, 6))
-    offsets = [(i, j) for i in range(-reach, reach + 1) for j in range(-reach, reach + 1) if i * i + j * j <= reach**2]
-    for i, j in offsets:
+    steps = range(-reach, reach + 1)
+    for i, j in [(i, j) for i in steps for j in steps if i * i + j * j <= reach**2]:
         r, c = row + i, column + j
-        inside = (r >= 0) & (r < high) & (c >= 0) & (c < wide)
-        r, c, who = r[inside], c[inside], order[inside]
-        layer = np.full((high, wide), -1)
-        layer[r, c] = who
-        nearer = (layer >= 0) & (depth[layer] < distance)
-        distance[nearer] = depth[layer[nearer]]
-        image[nearer] = colors[layer[nearer]]
-    image *= _eye_dome(distance)[..., None]
+        shown = np.flatnonzero((r >= 0) & (r < high) & (c >= 0) & (c < wide))
+        pixel = (r * wide + c)[shown]
+        nearer = depth[order[shown]] < distance[pixel]
+        distance[pixel[nearer]] = depth[order[shown[nearer]]]  # of several points in one pixel, the last is the nearest
+        owner[pixel[nearer]] = order[shown[nearer]]
+    image = np.concatenate([colors, rgb(PAPER)[None]])[owner].reshape(high, wide, 3)
+    image = image * _eye_dome(distance.reshape(high, wide))[..., None]
     return np.rint(image.reshape(height, 2, width, 2, 3).mean(axis=(1, 3))).astype(np.uint8)
 
 
-def _eye_dome(distance: Floats, strength: float = 25.0) -> Floats:
+def _eye_dome(distance: Floats, strength: float = 25.0) -> NDArray[np.float32]:
     """Brightness (H, W) of each pixel, 0 to 1: less where neighbours are nearer; empty pixels stay bright."""
-    depth = np.log(np.where(np.isfinite(distance), distance, np.nan))
+    empty = ~np.isfinite(distance)
+    depth = np.log(np.where(empty, FAR, distance)).astype(np.float32)
     high, wide = depth.shape
-    padded = np.pad(depth, max(REACHES), constant_values=np.nan)
+    padded = np.pad(depth, max(REACHES), constant_values=np.log(FAR))
     hidden = np.zeros_like(depth)
     for reach in REACHES:
         for i, j in RING:
             down, right = max(REACHES) + reach * i, max(REACHES) + reach * j
-            near = padded[down : down + high, right : right + wide]
-            hidden += np.nan_to_num(np.clip(depth - near, 0, 0.02 * reach)) / reach
+            hidden += np.clip(depth - padded[down : down + high, right : right + wide], 0, 0.02 * reach) / reach
+    hidden[empty] = 0.0
     return np.maximum(np.exp(-strength * hidden / len(REACHES)), 0.3)
 
 

@@ -29,7 +29,7 @@ KEYS = ("intrinsics", "scale", "pose")
 class DepthImage(NamedTuple):
     """Depth (H, W) in metres, NaN without a return; pose (4, 4) camera to world; intrinsics (fx, fy, cx, cy) pixels.
 
-    The fields are those of `DepthFrame`, in its order: DepthFrame(*image).
+    The fields are those of `DepthFrame`, in its order: `DepthFrame(*image)`.
     """
 
     depth: Floats

@@ -1,0 +1,153 @@
+"""What the commands of the command line do, step by step (chapter 18)."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gmmcd_teach.clouds import Floats, read_cloud, write_cloud
+from gmmcd_teach.detection import Detection
+from gmmcd_teach.formats.atomic import place_folder
+from gmmcd_teach.formats.depth import read_depth
+from gmmcd_teach.lab import simulate_pair, tabletop_pair
+from gmmcd_teach.lab.scenes import SCENES
+from gmmcd_teach.lab.tabletop import TABLETOP_PAIRS
+from gmmcd_teach.methods import detect_changes
+from gmmcd_teach.plausibility import doubts, offset
+from gmmcd_teach.regions import contradicted_by, find_regions
+from gmmcd_teach.report import FILES, NEAR, SEEN, as_numbers, good_camera, table, write_results
+
+UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+LEAF = {"greedy": 0.02, "shared": 0.02}  # metres; other methods choose by the density of the scans
+PAIR_FILES = ("before.ply", "after.ply")
+
+
+def detect(options: argparse.Namespace) -> str:
+    """Read, check, align, detect, write; returns what to print."""
+
+    def say(text: str) -> None:
+        if not options.quiet:
+            print(text, file=sys.stderr, flush=True)
+
+    say(f"reading {options.before.name} and {options.after.name}")
+    before, after = (UNITS[options.unit] * read_cloud(path) for path in (options.before, options.after))
+    before_origin = origin_of(options.before, options.before_origin)
+    after_origin = origin_of(options.after, options.after_origin)
+    motion = np.eye(4)
+    warnings: list[str] = []
+    if options.align:
+        say("aligning")
+        motion, warnings = aligned(before, after)
+        after = moved(after, motion)
+        after_origin = None if after_origin is None else moved(after_origin, motion)
+    warnings += doubts(before, after)
+    for warning in warnings:
+        print(f"gmmcd-teach: warning: {warning}", file=sys.stderr, flush=True)
+    say(f"detecting by {options.method}")
+    leaf = LEAF.get(options.method) if options.leaf is None else options.leaf
+    detection = detect_changes(
+        before,
+        after,
+        method=options.method,
+        max_components=options.components,
+        leaf_size=leaf,
+        outlier_filter=options.outliers,
+        before_origin=before_origin,
+        after_origin=after_origin,
+        rng=options.seed,
+        progress=not options.quiet,
+    )
+    settings = {"method": options.method, "components": options.components, "leaf": leaf, "seed": options.seed}
+    report = {
+        "before": {"file": options.before.name, "points": len(before), "disappeared": int(detection.disappeared.sum())},
+        "after": {"file": options.after.name, "points": len(after), "appeared": int(detection.appeared.sum())},
+        **settings,
+        "warnings": warnings,
+        "alignment": motion.tolist(),
+        **found(before, after, before_origin, after_origin, detection),
+        "seconds": {step: round(spent, 3) for step, spent in detection.seconds.items()},
+    }
+    say(f"writing {options.out}")
+    with place_folder(options.out, FILES) as draft:
+        camera = good_camera(np.concatenate([before, after]), before_origin)
+        write_results(draft, before, after, detection, report, camera)
+    return json.dumps(report, indent=2) if options.json else table(report)
+
+
+def found(
+    before: Floats, after: Floats, before_origin: Floats | None, after_origin: Floats | None, detection: Detection
+) -> dict[str, Any]:
+    """The groups of changed points in each direction, and what their confidence means."""
+    gone, new = detection.disappeared, detection.appeared
+    old_votes = contradicted_by(before, after, origin=after_origin)
+    new_votes = contradicted_by(after, before, origin=before_origin)
+    return {
+        "regions": {
+            "appeared": as_numbers(find_regions(after[new], contradicted=new_votes[new])),
+            "disappeared": as_numbers(find_regions(before[gone], contradicted=old_votes[gone])),
+        },
+        "confidence": {
+            "appeared": NEAR if before_origin is None else SEEN,
+            "disappeared": NEAR if after_origin is None else SEEN,
+        },
+    }
+
+
+def aligned(before: Floats, after: Floats) -> tuple[Floats, list[str]]:
+    """The motion (4, 4) that lays the later scan on the earlier one, and a warning where it is an unlikely one."""
+    from gmmcd_teach.beyond.alignment import align
+
+    gap, _ = offset(before, after)
+    motion = align(after, before, max_distance=max(0.1, 3 * gap))
+    middle = after.mean(axis=0)
+    shift = float(np.linalg.norm(moved(middle, motion) - middle))
+    turn = float(np.degrees(Rotation.from_matrix(motion[:3, :3]).magnitude()))
+    if shift > 0.1 * np.ptp(before, axis=0).max() or turn > 10:
+        return motion, [
+            f"the alignment moved the later scan by {shift:.2f} m and {turn:.1f} degrees; look whether it fits"
+        ]
+    return motion, []
+
+
+def moved(points: Floats, motion: Floats) -> Floats:
+    """Points (N, 3), or one (3,), after a rigid motion (4, 4).
+
+    Examples
+    --------
+    >>> moved(np.array([1.0, 2.0, 3.0]), np.eye(4))
+    array([1., 2., 3.])
+    """
+    return np.asarray(points @ motion[:3, :3].T + motion[:3, 3])
+
+
+def origin_of(path: Path, told: list[float] | None) -> Floats | None:
+    """Where a scan was taken from, (3,) metres: as told, or as the pose of a depth image has it."""
+    if told is not None:
+        return np.array(told)
+    return read_depth(path).pose[:3, 3] if path.suffix.lower() == ".png" else None
+
+
+def pair(options: argparse.Namespace) -> str:
+    """Write two scans with the truth, before.ply and after.ply; returns how to go on."""
+    if options.name not in (*TABLETOP_PAIRS, *SCENES):
+        raise ValueError(f"pair {options.name!r}; expected one of {', '.join((*TABLETOP_PAIRS, *SCENES))}")
+    real = options.name in TABLETOP_PAIRS
+    scans = tabletop_pair(options.name) if real else simulate_pair(options.name, options.seed)
+    with place_folder(options.out, PAIR_FILES) as draft:
+        write_cloud(draft / PAIR_FILES[0], scans.before, disappeared=scans.disappeared)
+        write_cloud(draft / PAIR_FILES[1], scans.after, appeared=scans.appeared)
+    words = [
+        "gmmcd-teach detect",
+        *(str(options.out / name) for name in PAIR_FILES),
+        f"--out {options.out / 'changes'}",
+    ]
+    for side, frames in (("before", scans.before_frames), ("after", scans.after_frames)):
+        if len(frames) == 1:
+            words.append(f"--{side}-origin {' '.join(f'{x:g}' for x in frames[0].pose[:3, 3])}")
+    return f"{scans.description}\nNow try: {' '.join(words)}"

@@ -1,0 +1,120 @@
+"""The paper's table of metrics, measured anew, and what means over runs can explain in it (chapter 10)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from gmmcd_teach.methods import detect_changes
+from gmmcd_teach.study.intervals import summary
+from gmmcd_teach.study.scans import backwards, scan
+from gmmcd_teach.study.scores import METRICS, Row, score
+
+PUBLISHED_METRICS = pd.DataFrame(
+    {"one": [0.953, 0.600, 1.000, 0.727], "two": [0.929, 0.617, 0.667, 0.650], "three": [0.952, 0.933, 0.750, 0.829]},
+    index=pd.Index(METRICS, name="metric"),
+)
+"""The paper's table of metrics: appearances, counted on components, by the number of objects that appeared."""
+
+OBJECTS = {"cargo_bag": "one", "astrobee": "one", "two_objects": "two", "three_objects": "three"}
+"""Scene -> column of the paper's table."""
+
+
+def metric_runs(scene: str, seed: int, starts: int = 1, **options: Any) -> list[Row]:
+    """Detect and score one pair of scans in both orders of time, each from `starts` random starts of EM.
+
+    Forward, the scenes of the paper hold appearances only; backward, disappearances only. The other direction has
+    nothing to find: all its claims are false.
+
+    Parameters
+    ----------
+    scene, seed : see `simulate_pair`.
+    starts : how many times EM starts anew on the same scans.
+    **options : see `detect_changes`.
+
+    Returns
+    -------
+    The rows of `score`, with `objects`, `start`, `order` ("forward", "backward") and `n_components` of the mixture
+    that is scored.
+
+    Examples
+    --------
+    >>> rows = metric_runs("cargo_bag", 1, leaf_size=0.1, max_components=5)
+    >>> sorted({(row["order"], row["direction"]) for row in rows if row["tp"] + row["fn"] > 0})
+    [('backward', 'disappeared'), ('forward', 'appeared')]
+    """
+    rows = []
+    forward = scan(scene, seed)
+    for order, pair in {"forward": forward, "backward": backwards(forward)}.items():
+        for start in range(starts):
+            rng = np.random.default_rng([seed, start, int(order == "backward")])
+            detection = detect_changes(pair.before, pair.after, rng=rng, **options)
+            sizes = {
+                "appeared": getattr(detection.after_mixture, "n_components", 0),
+                "disappeared": getattr(detection.before_mixture, "n_components", 0),
+            }
+            labels = {"objects": OBJECTS.get(scene, scene), "start": start, "order": order}
+            rows += [{**labels, "n_components": sizes[row["direction"]], **row} for row in score(detection, pair)]
+    return rows
+
+
+def metric_table(runs: pd.DataFrame, level: str = "component") -> pd.DataFrame:
+    """The paper's table of metrics beside ours: mean and 95 % t-interval over runs, for both directions.
+
+    Runs on the same scans differ in EM's start only, so where `scans` is less than `n` the interval tells how far the
+    starts scatter, and too little of how far scans do.
+
+    Parameters
+    ----------
+    runs : from `run(metric_runs, ...)`.
+    level : "component" (the paper), "point" or "object"; the paper's values are for components.
+
+    Returns
+    -------
+    Tidy: `objects`, `direction`, `metric`, `paper` (appearances on components only, else NaN), `mean`, `low`, `high`,
+    `n` (runs in which the metric was defined), `scans`.
+
+    Raises
+    ------
+    ValueError
+        No rows of that level.
+
+    Examples
+    --------
+    >>> from gmmcd_teach.study.runs import run
+    >>> runs = run(metric_runs, [{"scene": "cargo_bag", "seed": 1, "leaf_size": 0.1, "max_components": 5}])
+    >>> metric_table(runs)["paper"].tolist()[:4]
+    [0.953, 0.6, 1.0, 0.727]
+    """
+    asked = runs[(runs["level"] == level) & ((runs["order"] == "forward") == (runs["direction"] == "appeared"))]
+    if asked.empty:
+        raise ValueError(f"level = {level!r}; expected one of {', '.join(map(repr, runs['level'].unique()))}")
+    table = summary(asked, ["objects", "direction"], METRICS, within=(0, 1))
+    scans = asked.groupby("objects").apply(lambda rows: len(rows[["scene", "seed"]].drop_duplicates()))
+    known = PUBLISHED_METRICS.to_dict() if level == "component" else {}
+    keys = zip(table["objects"], table["direction"], table["metric"], strict=True)
+    printed = [known.get(o, {}).get(m, np.nan) if d == "appeared" else np.nan for o, d, m in keys]
+    table.insert(3, "paper", printed)
+    return table.assign(scans=table["objects"].map(scans))
+
+
+def harmonic_bounds(precision: float, recall: float, rounding: float = 0.0) -> tuple[float, float]:
+    """The least and the largest mean F1 that runs of this mean precision and mean recall can have.
+
+    F1 is the harmonic mean, concave in (precision, recall): the mean of many is at most that of their means (Jensen),
+    and at least the plane through the corners of the unit square, precision + recall - 1, or 0.
+
+    Parameters
+    ----------
+    precision, recall : means over runs, 0 to 1.
+    rounding : how far each may be from what is printed, 0.0005 for three digits.
+
+    Examples
+    --------
+    >>> [round(bound, 3) for bound in harmonic_bounds(0.6, 1.0)]
+    [0.6, 0.75]
+    """
+    low, high = (np.clip([precision + step, recall + step], 0, 1) for step in (-rounding, rounding))
+    return max(0.0, float(low.sum() - 1)), float(2 * high.prod() / high.sum()) if high.any() else 0.0

@@ -32,13 +32,18 @@ def code_cells(path: Path) -> list[Any]:
     return [cell for cell in read(path).cells if cell.cell_type == "code"]
 
 
+def number(path: Path) -> str:
+    """The number of a chapter, "04", or the letter of an appendix, "B"."""
+    return path.stem.split("_")[0]
+
+
 def figure_cells(path: Path) -> list[Any]:
     return [cell for cell in code_cells(path) if "figure" in cell.metadata.get("mystnb", {})]
 
 
 def test_there_are_notebooks() -> None:
     assert NOTEBOOKS
-    assert all(re.fullmatch(r"\d\d_[a-z0-9_]+\.ipynb", path.name) for path in NOTEBOOKS)
+    assert all(re.fullmatch(r"(\d\d|[A-F])_[a-z0-9_]+\.ipynb", path.name) for path in NOTEBOOKS)
 
 
 @each_notebook
@@ -78,7 +83,7 @@ def test_code_cells_are_short(path: Path) -> None:
 def test_figures_have_name_caption_and_alt_text(path: Path) -> None:
     for cell in figure_cells(path):
         figure, alt = cell.metadata.mystnb.figure, cell.metadata.mystnb.get("image", {}).get("alt", "")
-        assert figure.get("name", "").startswith(f"fig-{path.name[:2]}-"), f"cell {cell.id}: {figure.get('name')}"
+        assert figure.get("name", "").startswith(f"fig-{number(path)}-"), f"cell {cell.id}: {figure.get('name')}"
         assert len(figure.get("caption", "").split()) >= 8, f"{figure.name}: say what to look at"
         assert len(alt.split()) >= 8, f"{figure.name}: describe the picture"
         assert alt != figure.caption
@@ -104,7 +109,7 @@ def test_exercises_have_hint_stub_check_and_folded_solution(path: Path) -> None:
     cells = read(path).cells
     for position, cell in enumerate(cells):
         for label in re.findall(r"^:{3,}\{exercise\}[^\n]*\n:label: (\S+)", cell.source, re.MULTILINE):
-            assert re.fullmatch(rf"ex-{path.name[:2]}-\d", label)
+            assert re.fullmatch(rf"ex-{number(path)}-\d", label)
             assert "<details>" in cell.source, f"{label}: no hint"
             after = cells[position + 1 :]
             stub = next(cell for cell in after if cell.cell_type == "code")

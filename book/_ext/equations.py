@@ -65,7 +65,7 @@ def index(root: Path = ROOT) -> dict[str, Places]:
         for name, docstring in definitions(path):
             for equation in mentioned(docstring):
                 places[equation].functions.append(name)
-    for path in sorted((root / "notebooks").glob("*.ipynb")):
+    for path in sorted((root / "notebooks").glob("[0-9]*.ipynb")):
         text = "\n".join(c.source for c in nbformat.read(path, as_version=4).cells if c.cell_type == "markdown")
         taught = set(re.findall(r"\\tag\{(\d+)\}", text)) | (
             {ALGORITHM} if "{prf:algorithm} " + ALGORITHM in text else set()

@@ -21,8 +21,9 @@ QUESTION = re.compile(r"^\*([^*].*?)\*$", re.MULTILINE)
 
 
 def chapters(found_docs: set[str]) -> dict[int, str]:
-    """Number of each chapter in the book and its document."""
-    return {int(doc.split("/")[1][:2]): doc for doc in sorted(found_docs) if doc.startswith("notebooks/")}
+    """Number of each chapter in the book and its document; appendices, `notebooks/B_...`, have none."""
+    found = ((re.match(r"notebooks/(\d\d)_", doc), doc) for doc in sorted(found_docs))
+    return {int(number[1]): doc for number, doc in found if number}
 
 
 class FromMyst(SphinxDirective):
@@ -41,13 +42,14 @@ class ChapterMap(FromMyst):
     def run(self) -> list[nodes.Node]:
         costs = getattr(self.env, "notebook_costs", {})
         rows = ["|   | Chapter | The question | Time | Memory |", "|--:|:--|:--|--:|--:|"]
-        for number, doc in chapters(self.env.found_docs).items():
+        where = chapters(self.env.found_docs)
+        for number, doc in where.items():
             opening = nbformat.read(ROOT / f"{doc}.ipynb", as_version=4).cells[0].source
             question = QUESTION.search(opening)
             seconds, megabytes = costs.get(doc, (float("nan"), float("nan")))
             cost = f"{seconds:.0f} s | {megabytes:.0f} MB" if doc in costs else "not run | "
             rows.append(f"| {number} | {{doc}}`/{doc}` | {question[1] if question else ''} | {cost} |")
-        total = sum(seconds for seconds, _ in costs.values())
+        total = sum(costs[doc][0] for doc in where.values() if doc in costs)
         rows += [
             "",
             f"All chapters together: {total / 60:.1f} minutes of computing, measured when this book was built.",

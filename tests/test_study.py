@@ -236,7 +236,7 @@ def test_where_nothing_can_be_written_nothing_is_kept(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("GMMCD_TEACH_CACHE", str(tmp_path / "file"))
     grid = {"scene": ["cargo_bag"], "seed": [0], "leaf_size": [0.1], "max_components": [4]}
-    assert len(run(metric_runs, grid)) == 12
+    assert len(run(metric_runs, grid)) == 16  # 2 orders, 2 directions, 4 levels
 
 
 def test_the_digest_depends_on_the_data(pair):
@@ -315,8 +315,11 @@ def test_the_metric_table_averages_what_had_something_to_find():
     assert (table["scans"] == 4).all()
     assert table.loc["appeared", "paper"].tolist() == PUBLISHED_METRICS["one"].tolist()
     assert table.loc["disappeared", "paper"].isna().all()
+    lenient, strict = (runs[runs.level == level].reset_index() for level in ("overlap", "component"))
+    assert (lenient.tp + lenient.fn >= strict.tp + strict.fn).all()
+    assert (lenient.tp + lenient.fn > strict.tp + strict.fn).any()
     assert metric_table(runs, "point")["paper"].isna().all()
-    with pytest.raises(ValueError, match="level = 'pixel'; expected one of 'component', 'point', 'object'"):
+    with pytest.raises(ValueError, match="level = 'pixel'; expected one of 'component', 'point', 'object', 'overlap'"):
         metric_table(runs, "pixel")
 
 

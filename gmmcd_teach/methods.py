@@ -9,12 +9,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gmmcd_teach.beyond.baselines import detect_c2c, detect_m3c2, detect_occupancy
+from gmmcd_teach.beyond.recommended import detect_recommended
+from gmmcd_teach.beyond.shared import detect_shared
 from gmmcd_teach.clouds import CloudError, check_points
 from gmmcd_teach.detection import Detection, detect_greedy
 from gmmcd_teach.em import fit_mixture
 from gmmcd_teach.mixture import floats
 
-METHODS: dict[str, Callable[..., Detection]] = {"greedy": detect_greedy}
+METHODS: dict[str, Callable[..., Detection]] = {
+    "greedy": detect_greedy,
+    "shared": detect_shared,
+    "recommended": detect_recommended,
+    "c2c": detect_c2c,
+    "m3c2": detect_m3c2,
+    "occupancy": detect_occupancy,
+}
 
 
 def detect_changes(

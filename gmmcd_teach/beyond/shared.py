@@ -1,0 +1,197 @@
+"""One mixture for both clouds: a component whose points come from one scan alone has changed (chapter 15)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import linprog
+from scipy.stats import binom
+
+from gmmcd_teach.beyond.baselines import check_lengths
+from gmmcd_teach.beyond.visibility import looks
+from gmmcd_teach.clouds import CloudError, Floats, check_points
+from gmmcd_teach.detection import Bools, Detection, Stopwatch, em_progress, prepare
+from gmmcd_teach.em import fit_mixture
+from gmmcd_teach.filtering import voxel_downsample
+from gmmcd_teach.lab.pair import DepthFrame
+from gmmcd_teach.mixture import GaussianMixture, floats
+
+SEEN_THROUGH = 0.1  # share of a component that the other scan must have looked past, for it to have changed
+
+
+def detect_shared(
+    before: ArrayLike,
+    after: ArrayLike,
+    *,
+    max_components: int = 25,
+    leaf_size: float | None = None,
+    outlier_filter: bool = False,
+    before_origin: ArrayLike | None = None,
+    after_origin: ArrayLike | None = None,
+    rng: int | np.random.Generator = 0,
+    progress: bool = False,
+    before_frames: Sequence[DepthFrame] | None = None,
+    after_frames: Sequence[DepthFrame] | None = None,
+    alignment_error: float = 0.02,
+    share: float = 0.7,
+    false_alarms: float = 0.05,
+    patch_size: float | None = None,
+    init: str = "kmeans++",
+    **em_options: Any,
+) -> Detection:
+    """Fit one mixture to both clouds together, then ask of each component which cloud its points are from.
+
+    A wall that is a centimetre off would be told as two parallel sheets, one for each scan. So the covariances are
+    given a floor, the square of the alignment error: no component is thinner than what misalignment explains. The
+    fit sees one point for each patch of surface, since points that are next to each other tell the same thing twice.
+
+    Parameters
+    ----------
+    before, after : (N, D) metres.
+    max_components : K for each cloud; the common mixture starts with twice as many.
+    leaf_size, outlier_filter : thin and filter the clouds first.
+    before_origin, after_origin : (3,) metres, and
+    before_frames, after_frames : the depth frames: where one of the two is told, a component must have been looked
+        past by the other scan to have changed; what was merely hidden has not.
+    rng, progress : seed of the start of EM; show how far it has come.
+    alignment_error : metres, how far the clouds may be off each other.
+    share : of a component's weight that one cloud must hold for the other to lack it, above 0.5.
+    false_alarms : how many components may be called changed by chance in a scene without change, expected number.
+    patch_size : metres, edge of a patch, within which points repeat each other; None takes 1.5 alignment errors.
+    init, **em_options : see `fit_mixture`.
+
+    Returns
+    -------
+    Detection whose two mixtures have the same components and each side's own weights.
+
+    Raises
+    ------
+    CloudError
+        A cloud cannot be used.
+    ValueError
+        An option is out of range.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> room = rng.uniform(0, 1, (800, 2))
+    >>> found = detect_shared(room, np.concatenate([room, rng.normal(3, 0.1, (200, 2))]), max_components=4)
+    >>> bool(found.appeared[800:].all()), bool(found.appeared[:800].any())
+    (True, False)
+    """
+    check_lengths(alignment_error=alignment_error, false_alarms=false_alarms, patch_size=patch_size or 0.0)
+    if not 0.5 < share < 1:
+        raise ValueError(f"share = {share!r}; expected a number between 0.5 and 1")
+    clouds = check_points(before, "before"), check_points(after, "after")
+    watch = Stopwatch()
+    patch = patch_size or 1.5 * max(alignment_error, 1e-3)
+    old, new = (prepare(cloud, leaf_size, outlier_filter) for cloud in clouds)
+    patches = [voxel_downsample(cloud, patch).centroids for cloud in (old, new)]
+    watch("filter")
+    em_options.setdefault("covariance_floor", max(alignment_error, 1e-3) ** 2)
+    together = np.concatenate(patches)
+    with em_progress(2 * max_components, progress) as on_record:
+        mixture = fit_mixture(
+            together,
+            min(2 * max_components, len(together)),
+            init=init,
+            rng=rng,
+            on_record=on_record,
+            **em_options,
+        ).mixture
+    watch("em")
+    members = [mixture.assign(centroids) for centroids in patches]
+    masses = [np.bincount(member, minlength=mixture.n_components) for member in members]
+    gone, come = changed_components(masses[0], masses[1], share, false_alarms)
+    for changed, mine, other, origin, frames in (
+        (gone, 0, new, after_origin, after_frames),
+        (come, 1, old, before_origin, before_frames),
+    ):
+        if frames is not None or origin is not None:
+            past = np.bincount(members[mine], looks(patches[mine], other, origin, frames, patch).past > 0, len(changed))
+            changed &= past > SEEN_THROUGH * masses[mine]
+    held = masses[0] * ~come, masses[1] * ~gone  # a stray patch or two of what the other cloud has alone is dropped
+    sides = [GaussianMixture(mass / mass.sum(), mixture.means, mixture.covariances) for mass in held]
+    watch.seconds["compare"] = 0.0
+    watch("compare")
+    return Detection(
+        come[sides[1].assign(clouds[1])],
+        gone[sides[0].assign(clouds[0])],
+        sides[0],
+        sides[1],
+        np.flatnonzero(come),
+        np.flatnonzero(gone),
+        watch.seconds,
+    )
+
+
+def changed_components(before: ArrayLike, after: ArrayLike, share: float, false_alarms: float) -> tuple[Bools, Bools]:
+    """Which components (K,) have gone, and which have come, by how many patches of each cloud they hold, (K,) each.
+
+    Neighbouring points repeat each other, so what is counted is patches of surface. In a component that has not
+    changed each patch is as likely to be from one cloud as from the other: the count is binomial. A component has
+    changed where so uneven a count has a chance below `false_alarms` / 2K (Bonferroni), and where one cloud holds at
+    least `share` of it: with many patches a shadow on a wall is significant, too, but it is no change.
+
+    Examples
+    --------
+    >>> changed_components([40, 0, 3, 10], [42, 30, 0, 30], 0.9, 0.01)
+    (array([False, False, False, False]), array([False,  True, False, False]))
+    """
+    old, new = floats(before, "before"), floats(after, "after")
+    level = false_alarms / (2 * len(old))
+    total = old + new
+
+    def lacks(less: Floats, more: Floats) -> Bools:
+        return np.asarray((binom.cdf(less, total, 0.5) < level) & (more >= share * total))
+
+    return lacks(new, old), lacks(old, new)
+
+
+def unbalanced_emd(
+    weights_p: ArrayLike, weights_q: ArrayLike, ground_distance: ArrayLike, price: float
+) -> tuple[Floats, Floats, Floats]:
+    """The cheapest way to turn p into q where mass may also be destroyed or created, at a price for each unit.
+
+    One linear programme finds disappearances and appearances together: mass that is farther than twice the price
+    from all that lacks mass is destroyed here and created there (partial transport; Figalli 2010).
+
+    Parameters
+    ----------
+    weights_p, weights_q : (K,) and (L,) masses, not normalised.
+    ground_distance : (K, L) metres.
+    price : metres, what creating or destroying a unit of mass costs.
+
+    Returns
+    -------
+    flow (K, L), destroyed (K,), created (L,)
+
+    Raises
+    ------
+    CloudError
+        Masses or ground distances of the wrong shape.
+    ValueError
+        The price is not a length.
+
+    Examples
+    --------
+    >>> flow, destroyed, created = unbalanced_emd([1, 1], [1, 2], [[0.0, 5.0], [5.0, 4.0]], price=1.0)
+    >>> destroyed.tolist(), created.tolist()
+    ([0.0, 1.0], [0.0, 2.0])
+    """
+    check_lengths(price=price)
+    p, q = floats(weights_p, "weights_p"), floats(weights_q, "weights_q")
+    cost = floats(ground_distance, "ground_distance")
+    if p.ndim != 1 or q.ndim != 1 or cost.shape != (len(p), len(q)):
+        raise CloudError(f"ground_distance: shape {cost.shape}; expected ({p.size}, {q.size})")
+    k, m = cost.shape
+    gain = (cost - 2 * price).ravel()  # a unit carried saves one destroyed and one created
+    sums = np.vstack([np.kron(np.eye(k), np.ones(m)), np.kron(np.ones(k), np.eye(m))])  # (K + L, K L)
+    answer = linprog(gain, A_ub=sums, b_ub=np.concatenate([p, q]), method="highs")
+    if answer.x is None:
+        raise RuntimeError(f"linprog found no optimal flow: {answer.message}")
+    flow = answer.x.reshape(k, m)
+    return flow, p - flow.sum(axis=1), q - flow.sum(axis=0)

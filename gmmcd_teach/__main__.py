@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -37,7 +38,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return complain(f"{options.out}: cannot be written ({error.strerror or error})")
     except ValueError as error:  # CloudError is one
         return complain(str(error))
-    print(words)
+    try:
+        print(words, flush=True)
+    except BrokenPipeError:  # whoever read it has seen enough; the files are written
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 

@@ -85,7 +85,7 @@ def _colors(mesh: Mesh) -> Image:
     return rgb(mesh.color) if isinstance(mesh.color, str) else mesh.color
 
 
-def panels_png(panels: Mapping[str, Points], camera: str | Camera = "oblique", *, caption: str = "") -> bytes:
+def panels_png(panels: Mapping[str, Points], camera: str | Camera = "oblique") -> bytes:
     """Return a PNG of clouds side by side, seen from one place, with their titles and what the colours mean.
 
     Examples
@@ -97,15 +97,19 @@ def panels_png(panels: Mapping[str, Points], camera: str | Camera = "oblique", *
     from matplotlib.patches import Patch
 
     meshes = {title: list(cloud.meshes()) for title, cloud in panels.items()}
-    aspect = 1.2
     if isinstance(camera, str):
-        camera = fitted_camera([mesh for panel in meshes.values() for mesh in panel], camera, aspect=aspect)
-    figure = Figure(figsize=(4.8 * len(panels), 4.7), facecolor=PAPER, layout="constrained")
-    for ax, (title, panel) in zip(np.atleast_1d(figure.subplots(1, len(panels))), meshes.items(), strict=True):
-        ax.imshow(raster(panel, camera, 720, 600))
-        ax.set_title(title, color=INK, weight="bold", size=12)
+        camera = fitted_camera([mesh for panel in meshes.values() for mesh in panel], camera, aspect=1.2)
+    images = [raster(panel, camera, 720, 600) for panel in meshes.values()]
+    drawn = np.any([(image != rgb(PAPER)).any(axis=2) for image in images], axis=0)
+    rows, columns = (np.flatnonzero(drawn.any(axis=axis)) for axis in (1, 0))
+    part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] if drawn.any() else np.s_[:, :]
+    high, wide, _ = images[0][part].shape
+    figure = Figure(figsize=(4.8 * len(panels), 4.6 * high / wide + 0.9), facecolor=PAPER, layout="constrained")
+    for ax, title, image in zip(np.atleast_1d(figure.subplots(1, len(panels))), meshes, images, strict=True):
+        ax.imshow(image[part])
+        ax.set_title(title, color=INK, weight="bold", size=13)
         ax.set_axis_off()
     keys = {mesh.label: mesh.key for panel in meshes.values() for mesh in panel}
     patches = [Patch(color=color, label=label) for label, color in keys.items()]
-    figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), frameon=False, title=caption)
-    return png(figure, dpi=150)
+    figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), frameon=False, fontsize=11)
+    return png(figure, dpi=110)

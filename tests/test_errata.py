@@ -46,6 +46,7 @@ def test_every_erratum_has_its_row_in_order() -> None:
 @pytest.mark.parametrize("name", IDS)
 def test_a_row_says_what_should_be_and_what_our_code_does(name: str) -> None:
     text = sections()[name][0].source
+    assert "**Printed:**" in text or "**Written:**" in text
     assert "**Should be:**" in text
     ours = text.split("- **Ours:**")[1]
     assert "{py:" in ours or "gmmcd_teach" in ours

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import binary_dilation
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from gmmcd_teach.lab.camera import axial_sigma, frame_pixels, frame_points, project
 from gmmcd_teach.lab.pair import Bools, DepthFrame

@@ -12,7 +12,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from gmmcd_teach.lab.camera import DepthCamera, frame_points
 from gmmcd_teach.lab.fusion import fuse

@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 import pooch
 from joblib.parallel import get_active_backend
-from tqdm.auto import tqdm
+from tqdm import tqdm
 
 from gmmcd_teach.formats.atomic import write_atomically
 

@@ -1,4 +1,4 @@
-"""Beyond the paper: one mixture for both clouds, seen through or hidden, alignment, baselines (chapters 14 to 17)."""
+"""Beyond the paper: one mixture, seen through or hidden, alignment, baselines (chapters 14, 15, 16 and 17)."""
 
 from gmmcd_teach.beyond.alignment import align
 from gmmcd_teach.beyond.baselines import detect_c2c, detect_m3c2, detect_occupancy, m3c2_distances

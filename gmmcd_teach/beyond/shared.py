@@ -36,7 +36,7 @@ def detect_shared(
     before_frames: Sequence[DepthFrame] | None = None,
     after_frames: Sequence[DepthFrame] | None = None,
     alignment_error: float = 0.02,
-    share: float = 0.7,
+    share: float | None = None,
     false_alarms: float = 0.05,
     patch_size: float | None = None,
     init: str = "kmeans++",
@@ -58,7 +58,8 @@ def detect_shared(
         past by the other scan to have changed; what was merely hidden has not.
     rng, progress : seed of the start of EM; show how far it has come.
     alignment_error : metres, how far the clouds may be off each other.
-    share : of a component's weight that one cloud must hold for the other to lack it, above 0.5.
+    share : of a component's patches that one cloud must hold for the other to lack it, above 0.5. None takes 0.7, or
+        0.9 where no sensor is told and a shadow may look like a change.
     false_alarms : how many components may be called changed by chance in a scene without change, expected number.
     patch_size : metres, edge of a patch, within which points repeat each other; None takes 1.5 alignment errors.
     init, **em_options : see `fit_mixture`.
@@ -83,6 +84,8 @@ def detect_shared(
     (True, False)
     """
     check_lengths(alignment_error=alignment_error, false_alarms=false_alarms, patch_size=patch_size or 0.0)
+    told = any(x is not None for x in (before_origin, after_origin, before_frames, after_frames))
+    share = share if share is not None else 0.7 if told else 0.9
     if not 0.5 < share < 1:
         raise ValueError(f"share = {share!r}; expected a number between 0.5 and 1")
     clouds = check_points(before, "before"), check_points(after, "after")

@@ -8,8 +8,8 @@ stayed; one that is hidden only behind something new need not have stayed. So th
 
 All lengths follow from the data: the spacing of the points, and how far the aligned clouds are apart. The constants
 below were set on scenes of the simulated lab with seeds from 1000 on, which no score of the book uses. Four of them,
-TYPICAL, STAYED, HIDDEN and SEAM, were chosen with an eye on the real table-top scans, too, the scored pairs among them: the
-scores on those are not those of data never seen.
+TYPICAL, STAYED, HIDDEN and SEAM, were chosen with an eye on the real table-top scans, too, the scored pairs among
+them: the scores on those are not those of data never seen.
 """
 
 from __future__ import annotations

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tqdm import tqdm
 
 from gmmcd_teach.clouds import Floats, check_points
 from gmmcd_teach.em import Record, fit_mixture
@@ -18,6 +17,7 @@ from gmmcd_teach.extraction import extract_changes
 from gmmcd_teach.filtering import statistical_outlier_mask, voxel_downsample
 from gmmcd_teach.mixture import GaussianMixture
 from gmmcd_teach.pca import principal_axes
+from gmmcd_teach.progress import progress_bar
 
 Bools = NDArray[np.bool_]
 Indices = NDArray[np.intp]
@@ -152,7 +152,7 @@ def em_progress(total: int, shown: bool) -> Iterator[Callable[[Record], None]]:
     >>> with em_progress(25, False) as on_record:
     ...     fit = fit_mixture(np.random.default_rng(0).normal(size=(500, 2)), on_record=on_record)
     """
-    with tqdm(total=total, desc="EM", unit="component", disable=not shown, leave=False) as bar:
+    with progress_bar(total=total, desc="EM", unit="component", shown=shown, leave=False) as bar:
 
         def on_record(record: Record) -> None:
             if record.event in ("start", "removed"):

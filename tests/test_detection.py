@@ -127,7 +127,8 @@ def test_a_stopwatch_adds_to_the_step_that_ended(monkeypatch):
     assert watch.seconds == {"filter": 0, "pca": 0, "em": 4, "emd": 2, "total": 6}
 
 
-def test_progress_is_shown_when_asked_for(capsys):
+def test_progress_is_shown_when_asked_for(capsys, monkeypatch):
+    monkeypatch.setenv("TQDM_DISABLE", "0")
     detect_greedy(BEFORE, AFTER, **FAST)
     assert capsys.readouterr().err == ""
     detect_greedy(BEFORE, AFTER, progress=True, **FAST)

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import binary_dilation
-from tqdm import tqdm
 
 from gmmcd_teach.lab.camera import axial_sigma, frame_pixels, frame_points, project
 from gmmcd_teach.lab.pair import Bools, DepthFrame
 from gmmcd_teach.lab.shapes import Floats, Ints, inverse, transform
+from gmmcd_teach.progress import progress_bar
 
 VOXEL = 0.008  # metres: below a pixel's footprint (1 cm) at 2 m
 BLOCK = 4  # voxels: surfaces are looked for in blocks, and distances are cut off at one block
@@ -57,7 +57,7 @@ def fuse(
     corners = lower + blocks * block_size
     weighted, weights = np.zeros((2, len(blocks), BLOCK**3))
     support, free = np.zeros(weights.shape, dtype=np.int16), np.zeros(len(every_block), dtype=np.int64)
-    for frame in tqdm(frames, desc="fusing", unit="frame", disable=not progress):
+    for frame in progress_bar(frames, desc="fusing", unit="frame", shown=progress):
         free += seen_through(frame, every_block, block_size)
         near = in_view(frame, corners + block_size / 2)
         to_camera = inverse(frame.pose)

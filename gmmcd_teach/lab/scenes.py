@@ -12,7 +12,6 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from gmmcd_teach.lab.camera import DepthCamera, frame_points
 from gmmcd_teach.lab.fusion import fuse
@@ -22,6 +21,7 @@ from gmmcd_teach.lab.shapes import Floats, inverse, pose_at, transform
 from gmmcd_teach.lab.survey import POSE_ERROR, REVISIT, camera_pose, perturbed, survey_path
 from gmmcd_teach.lab.truth import changed_names, object_numbers, visible
 from gmmcd_teach.lab.world import Scene, Thing
+from gmmcd_teach.progress import progress_bar
 
 EAST, NORTH, WEST, SOUTH = np.radians([0, 90, 180, -90])  # towards +x, +y, -x, -y
 
@@ -189,7 +189,7 @@ def _scan(
     frames = tuple(
         DepthFrame(camera.capture(world, pose, rng), estimate, camera.intrinsics)
         for pose, estimate in zip(
-            tqdm(poses, desc="scanning", unit="frame", disable=not progress), believed, strict=True
+            progress_bar(poses, desc="scanning", unit="frame", shown=progress), believed, strict=True
         )
     )
     if len(frames) > 1:

@@ -66,7 +66,8 @@ def run(
     lazy = n_jobs == 1 or get_active_backend()[0].supports_return_generator
     parallel = joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered" if lazy else "list")
     results = parallel(joblib.delayed(_numbered)(i, function, jobs[i]) for i in missing)
-    with tqdm(total=len(jobs), initial=len(jobs) - len(missing), disable=not progress, leave=False) as bar:
+    hidden = {} if progress else {"disable": True}  # else TQDM_DISABLE decides
+    with tqdm(total=len(jobs), initial=len(jobs) - len(missing), leave=False, **hidden) as bar:
         for i, found in results:
             rows[i] = found
             remember(kept[i], found)

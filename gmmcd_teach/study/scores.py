@@ -96,6 +96,7 @@ def score(
     pair: ScenePair,
     *,
     threshold: float = 0.5,
+    overlap: float | None = None,
     clouds: tuple[Floats, Floats] | None = None,
 ) -> list[Row]:
     """Counts and metrics of a detection, one row for each direction and level.
@@ -105,6 +106,7 @@ def score(
     detection : what was claimed.
     pair : what is true.
     threshold : see `component_truth`.
+    overlap : count components by this threshold as well, in rows of level "overlap".
     clouds : the two clouds as the mixtures know them, where that is not in the pair's coordinates (after PCA).
 
     Returns
@@ -137,6 +139,8 @@ def score(
         tables = {"point": confusion(claimed, true), "object": object_confusion(points, claimed, objects)}
         if mixture is not None:
             tables = {"component": component_confusion(mixture, taken, fitted, true, threshold), **tables}
+            if overlap is not None:
+                tables["overlap"] = component_confusion(mixture, taken, fitted, true, overlap)
         rows += [as_row(table, direction=direction, level=level) for level, table in tables.items()]
     return rows
 

@@ -60,9 +60,7 @@ def metric_runs(scene: str, seed: int, starts: int = 1, **options: Any) -> list[
                 "disappeared": getattr(detection.before_mixture, "n_components", 0),
             }
             labels = {"objects": OBJECTS.get(scene, scene), "start": start, "order": order}
-            found = score(detection, pair)
-            lenient = [row for row in score(detection, pair, threshold=OVERLAP) if row["level"] == "component"]
-            found += [{**row, "level": "overlap"} for row in lenient]
+            found = score(detection, pair, overlap=OVERLAP)
             rows += [{**labels, "n_components": sizes[row["direction"]], **row} for row in found]
     return rows
 

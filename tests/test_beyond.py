@@ -249,7 +249,7 @@ def test_recommended_finds_what_stands_in_the_place_of_another() -> None:
     assert min(point_scores(simulate_pair("replaced", 0))) >= 0.85  # what the old thing hid is told by its seams alone
 
 
-@pytest.mark.slow
+@pytest.mark.scores
 @pytest.mark.parametrize("seed", HELD_OUT)
 @pytest.mark.parametrize("scene", [*PAPER, "mixed", "mixed_frame"])
 def test_recommended_reaches_its_scores(scene: str, seed: int) -> None:
@@ -257,7 +257,7 @@ def test_recommended_reaches_its_scores(scene: str, seed: int) -> None:
     assert min(*point_scores(pair), *point_scores(pair, swap=True)) >= 0.96
 
 
-@pytest.mark.slow
+@pytest.mark.scores
 def test_nothing_is_found_where_nothing_changed() -> None:
     quiet = 0
     for seed in range(20):
@@ -273,7 +273,7 @@ def test_nothing_is_found_where_nothing_changed() -> None:
     assert quiet >= 19
 
 
-@pytest.mark.slow
+@pytest.mark.scores
 def test_shared_mixture_reaches_its_scores() -> None:
     """The mean over the paper's scenes: one pair has 0.89, where fifteen stray points make a component."""
     scores = []

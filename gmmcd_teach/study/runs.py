@@ -19,9 +19,9 @@ import numpy as np
 import pandas as pd
 import pooch
 from joblib.parallel import get_active_backend
-from tqdm import tqdm
 
 from gmmcd_teach.formats.atomic import write_atomically
+from gmmcd_teach.progress import progress_bar
 
 PACKAGE = Path(__file__).resolve().parents[1]
 LIBRARIES = ("numpy", "scipy", "pot")
@@ -66,8 +66,7 @@ def run(
     lazy = n_jobs == 1 or get_active_backend()[0].supports_return_generator
     parallel = joblib.Parallel(n_jobs=n_jobs, return_as="generator_unordered" if lazy else "list")
     results = parallel(joblib.delayed(_numbered)(i, function, jobs[i]) for i in missing)
-    hidden = {} if progress else {"disable": True}  # else TQDM_DISABLE decides
-    with tqdm(total=len(jobs), initial=len(jobs) - len(missing), leave=False, **hidden) as bar:
+    with progress_bar(total=len(jobs), initial=len(jobs) - len(missing), shown=progress, leave=False) as bar:
         for i, found in results:
             rows[i] = found
             remember(kept[i], found)

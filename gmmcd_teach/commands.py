@@ -18,7 +18,7 @@ from gmmcd_teach.formats.depth import read_depth
 from gmmcd_teach.lab import simulate_pair, tabletop_pair
 from gmmcd_teach.lab.scenes import SCENES
 from gmmcd_teach.lab.tabletop import TABLETOP_PAIRS
-from gmmcd_teach.methods import detect_changes
+from gmmcd_teach.methods import METHODS, detect_changes, options_of
 from gmmcd_teach.plausibility import doubts, offset
 from gmmcd_teach.regions import contradicted_by, find_regions
 from gmmcd_teach.report import FILES, NEAR, SEEN, as_numbers, good_camera, table, write_results
@@ -47,8 +47,13 @@ def detect(options: argparse.Namespace) -> str:
         after = moved(after, motion)
         after_origin = None if after_origin is None else moved(after_origin, motion)
     warnings += doubts(before, after)
+    takes = options_of(METHODS[options.method])
+    if options.leaf is not None and "leaf_size" not in takes:
+        warnings.append(f"{options.method} does not thin the scans: --leaf {options.leaf:g} is not used")
     for warning in warnings:
         print(f"gmmcd-teach: warning: {warning}", file=sys.stderr, flush=True)
+    if "before_origin" in takes and before_origin is None and after_origin is None:
+        say(f"{options.method} does better when told where the scans were taken from: --before-origin, --after-origin")
     say(f"detecting by {options.method}")
     leaf = LEAF.get(options.method) if options.leaf is None else options.leaf
     detection = detect_changes(

@@ -70,14 +70,27 @@ def find_regions(
     if reach is None:
         spacing = np.asarray(cKDTree(s).query(s, k=2)[0])[:, 1]
         reach = 3 * float(np.median(spacing)) or 0.01
-    cells, member = np.unique(np.floor(s / reach), axis=0, return_inverse=True)
-    pairs = cKDTree(cells).query_pairs(1.5, p=np.inf, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs), dtype=bool), pairs.T), shape=(len(cells), len(cells)))
-    group = connected_components(links, directed=False)[1][member.ravel()]  # (N,)
+    group = connected_groups(s, reach)
     order = np.argsort(group, kind="stable")
     chunks = np.split(order, np.cumsum(np.bincount(group))[:-1])
     found = [_region(s[chunk], None if votes is None else votes[chunk]) for chunk in chunks if len(chunk) >= smallest]
     return sorted(found, key=lambda region: -region.n_points)
+
+
+def connected_groups(points: Floats, reach: float) -> NDArray[np.intp]:
+    """Number of the group of each point, (N,): the same in one cube of edge `reach`, or in cubes that touch.
+
+    Examples
+    --------
+    >>> connected_groups(np.array([[0.0], [1.0], [9.0], [2.0]]), 1.0)
+    array([0, 0, 1, 0])
+    """
+    cubes, member = np.unique(np.floor(points / reach), axis=0, return_inverse=True)
+    pairs = cKDTree(cubes).query_pairs(1.5, p=np.inf, output_type="ndarray")  # (P, 2) cubes that touch
+    ones = np.ones(len(pairs), dtype=bool)
+    touches = coo_array((ones, pairs.T), shape=(len(cubes), len(cubes)))
+    group = connected_components(touches, directed=False)[1]  # of each cube
+    return np.asarray(group[member.ravel()], dtype=np.intp)
 
 
 def contradicted_by(

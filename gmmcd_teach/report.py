@@ -49,18 +49,16 @@ def table(report: dict[str, Any]) -> str:
         f"{report['before']['disappeared']} of {report['before']['points']} disappeared "
         f"({report['seconds']['total']:.1f} s)"
     ]
+    if any(report["regions"].values()):
+        lines.append(f"{'':>15}{'points':>8}   {'center x, y, z [m]':<23}{'size x, y, z [m]':<19}{'confidence':>10}")
     for kind, number, region in _numbered(report):
-        if number > LISTED:
-            continue
-        x, y, z = region["center"]
-        a, b, c = region["size"]
-        lines.append(
-            f"  {kind:<11} {number:>3}  {region['n_points']:>7} points  at ({x:7.2f}, {y:7.2f}, {z:7.2f}) m"
-            f"  size {a:.2f} x {b:.2f} x {c:.2f} m  confidence {region['confidence']:.2f}"
-        )
+        if number <= LISTED:
+            center = "".join(f"{x:8.2f}" for x in region["center"])
+            size = "".join(f"{x:6.2f}" for x in region["size"])
+            lines.append(f"{kind:<12}{number:>3}{region['n_points']:>8} {center} {size}{region['confidence']:11.2f}")
     for kind, groups in report["regions"].items():
         if len(groups) > LISTED:
-            lines.append(f"  and {len(groups) - LISTED} smaller groups that {kind}: see report.json")
+            lines.append(f"and {len(groups) - LISTED} smaller groups that {kind}: see report.json")
     return "\n".join(lines)
 
 
@@ -147,7 +145,13 @@ def _triple(vector: Sequence[float] | Floats) -> tuple[float, float, float]:
 
 
 def as_numbers(regions: Sequence[Region]) -> list[dict[str, Any]]:
-    """Regions as plain numbers, for JSON."""
-    from dataclasses import asdict
-
-    return [asdict(region) for region in regions]
+    """Regions as plain numbers, for JSON: lengths to a tenth of a millimetre, confidence to a hundredth."""
+    return [
+        {
+            "n_points": region.n_points,
+            "center": [round(x, 4) for x in region.center],
+            "size": [round(x, 4) for x in region.size],
+            "confidence": None if region.confidence is None else round(region.confidence, 2),
+        }
+        for region in regions
+    ]

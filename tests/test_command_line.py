@@ -21,11 +21,12 @@ from gmmcd_teach.formats.mixtures import read_mixture, write_mixture
 from gmmcd_teach.lab.tabletop import TABLETOP_PAIRS, static_pair, tabletop_available
 from gmmcd_teach.plausibility import doubts
 from gmmcd_teach.regions import contradicted_by, find_regions
-from gmmcd_teach.report import FILES
+from gmmcd_teach.report import FILES, table
 
 RNG = np.random.default_rng(0)
 ROOM, ROOM_AGAIN = (RNG.normal(np.eye(3).repeat(260, axis=0), 0.05) for _ in range(2))
 BOX = RNG.uniform(2.0, 2.2, (150, 3))
+posix = pytest.mark.skipif(os.name != "posix", reason="signals and limits of POSIX")
 real = pytest.mark.skipif(not tabletop_available(), reason="no copy of the table-top scans here")
 
 
@@ -72,9 +73,26 @@ def test_a_new_box_is_found_listed_and_written(scans, capsys):
 
 def test_the_table_names_method_place_size_and_confidence(scans, capsys):
     assert run(scans) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[0].startswith("greedy: 150 of 930 points appeared")
-    assert re.search(r"appeared +1 +150 points +at .* size 0\.(20|19) x .* m +confidence 1\.00", lines[1])
+    first, heads, row = capsys.readouterr().out.splitlines()
+    assert first.startswith("greedy: 150 of 930 points appeared")
+    assert heads.split("  ")[-1].strip() == "confidence"
+    assert row.split()[:3] == ["appeared", "1", "150"]
+    np.testing.assert_allclose([float(word) for word in row.split()[3:]], [2.1] * 3 + [0.2] * 3 + [1.0], atol=0.015)
+    assert len(row) < 80
+
+
+def test_a_long_list_is_cut_short_in_the_table():
+    region = {"n_points": 10, "center": [0.0] * 3, "size": [1.0] * 3, "confidence": 0.5}
+    side = {"points": 9, "appeared": 9, "disappeared": 9}
+    report = {"method": "m", "before": side, "after": side, "seconds": {"total": 1.0}}
+    lines = table(report | {"regions": {"appeared": [region] * 13, "disappeared": [region] * 10}}).splitlines()
+    assert len(lines) == 2 + 20 + 1
+    assert lines[-1] == "and 3 smaller groups that appeared: see report.json"
+
+
+def test_an_option_that_a_method_does_not_use_is_said(scans, capsys):
+    assert run(scans, "--method", "c2c") == 0
+    assert "warning: c2c does not thin the scans: --leaf 0.001 is not used" in capsys.readouterr().err
 
 
 def test_progress_goes_to_stderr_and_the_table_alone_to_stdout(scans, capsys):
@@ -275,10 +293,26 @@ def test_an_interrupt_leaves_nothing_behind(scans, capsys, monkeypatch):
     assert sorted(path.name for path in scans[0].parent.iterdir()) == ["after.ply", "before.ply"]
 
 
+@pytest.mark.slow
+@posix
+@pytest.mark.parametrize("suffix", [".ply", ".pcd", ".npy"])
+def test_ten_million_points_are_read_and_thinned_within_eight_gigabytes(tmp_path, suffix):
+    points = np.random.default_rng(0).uniform(0, 19.99, (10_000_000, 3)).astype(np.float32)
+    write_cloud(tmp_path / f"a{suffix}", points)
+    words = "import sys, gmmcd_teach as g; print(len(g.voxel_downsample(g.read_cloud(sys.argv[1]), 0.5).centroids))"
+    import resource
+
+    done = subprocess.run(
+        [sys.executable, "-c", words, tmp_path / f"a{suffix}"], capture_output=True, text=True, check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (8 * 2**30, 8 * 2**30)),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) == 40**3
+
+
 # --- in a process of its own ---------------------------------------------------------------------------------------
 
 MODULE = [sys.executable, "-m", "gmmcd_teach"]
-posix = pytest.mark.skipif(os.name != "posix", reason="signals and limits of POSIX")
 
 
 @posix

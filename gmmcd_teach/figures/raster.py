@@ -107,7 +107,7 @@ def panels_png(panels: Mapping[str, Points], camera: str | Camera = "oblique") -
     figure = Figure(figsize=(4.8 * len(panels), 4.6 * high / wide + 0.9), facecolor=PAPER, layout="constrained")
     for ax, title, image in zip(np.atleast_1d(figure.subplots(1, len(panels))), meshes, images, strict=True):
         ax.imshow(image[part])
-        ax.set_title(title, color=INK, weight="bold", size=13)
+        ax.set_title(title, color=INK, weight="bold", size=13, loc="center")
         ax.set_axis_off()
     keys = {mesh.label: mesh.key for panel in meshes.values() for mesh in panel}
     patches = [Patch(color=color, label=label) for label, color in keys.items()]

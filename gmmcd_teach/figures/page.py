@@ -68,6 +68,7 @@ window.global = {};  // where the viewer leaves what it has drawn
       requestAnimationFrame(begin);
       return;
     }
+    scene.getRenderers()[0].setBackground(...renderers[0].getBackground());  // seen where no panel is
     const camera = renderers[0].getActiveCamera();
     renderers.forEach(renderer => renderer.setActiveCamera(camera));
     const home = [camera.getPosition(), camera.getFocalPoint(), camera.getViewUp()];

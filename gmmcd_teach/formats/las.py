@@ -61,7 +61,7 @@ def write_laz(file: BinaryIO, fields: Fields) -> None:
 
 def _laspy() -> Any:
     try:
-        import laspy  # type: ignore[import-untyped]
+        import laspy
     except ImportError:
         raise Malformed('.las and .laz need laspy; expected it to be there: pip install "laspy[lazrs]"') from None
     return laspy

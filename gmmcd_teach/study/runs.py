@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -44,9 +45,9 @@ def run(
     function : takes the arguments by name, returns one row (a dict of numbers and strings) or a list of rows.
     grid : {argument: values}, of which every combination is run, or a list of {argument: value}.
     n_jobs : processes, as joblib counts them, -1 for one per core; None is what `joblib.parallel_config` says, else 1.
-    keep : keep the rows on disk, and take them from there the next time: under a fingerprint of all sources of this
-        package, the function's name, its arguments and their data. Only functions of this package are kept; the
-        sources of others could change unseen. Where the folder cannot be written to, nothing is kept.
+    keep : keep the rows on disk, and take them from there the next time: under a fingerprint of the sources of this
+        package that the function can run, its name, its arguments and their data. Only functions of this package are
+        kept; the sources of others could change unseen. Where the folder cannot be written to, nothing is kept.
     progress : show a bar.
 
     Returns
@@ -109,8 +110,13 @@ def cache_folder() -> Path:
 
 
 @cache
-def fingerprint(folder: str = "") -> str:
-    """A digest of the sources in a folder of the package, all of it by default, and of the numerical libraries.
+def fingerprint(part: str = "") -> str:
+    """A digest of the numerical libraries and of the sources in a part of this package.
+
+    Parameters
+    ----------
+    part : a folder; "" for the whole package; or the dotted name of a module, for itself and all that it imports, so
+        that a figure or an exercise may change and rows that cannot depend on it stay.
 
     Examples
     --------
@@ -118,8 +124,53 @@ def fingerprint(folder: str = "") -> str:
     False
     """
     versions = [f"{name} {metadata.version(name)}" for name in LIBRARIES]
-    sources = sorted((PACKAGE / folder).rglob("*.py"))
-    return digest([*versions, *((path.relative_to(PACKAGE).as_posix(), path.read_bytes()) for path in sources)])
+    sources = imported_sources(part) if "." in part else (PACKAGE / part).rglob("*.py")
+    contents = ((path.relative_to(PACKAGE).as_posix(), path.read_bytes()) for path in sorted(sources))
+    return digest([*versions, *contents])
+
+
+def imported_sources(module: str) -> set[Path]:
+    """Files of this package that a module can run: its own, and those that its import statements name, and theirs.
+
+    Statements inside functions count, too. The `__init__` of a folder counts with its text, but what it gathers from
+    the folder's other modules does not, unless the folder itself is imported.
+
+    Examples
+    --------
+    >>> names = {path.name for path in imported_sources("gmmcd_teach.mdl")}
+    >>> "mixture.py" in names, "em.py" in names
+    (True, False)
+    """
+    waiting, found = [module], set[str]()
+    while waiting:
+        name = waiting.pop()
+        if name in found or _file(name) is None:
+            continue
+        found.add(name)
+        waiting += _imports(name)
+    parents = {name.rsplit(".", n)[0] for name in found for n in range(1, name.count(".") + 1)}
+    return {path for name in found | parents if (path := _file(name)) is not None}
+
+
+def _file(name: str) -> Path | None:
+    path = PACKAGE.joinpath(*name.split(".")[1:])
+    files = [path / "__init__.py"] if path.is_dir() else [path.with_suffix(".py")]
+    return next((file for file in files if name.split(".")[0] == PACKAGE.name and file.is_file()), None)
+
+
+def _imports(name: str) -> Iterator[str]:
+    """Dotted names after `import` and `from`; of `from a import b` both a and a.b, which may be a module."""
+    path = _file(name)
+    assert path is not None
+    folder = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = folder.split(".")[: folder.count(".") + 2 - node.level] if node.level else []
+            source = ".".join([*base, *([node.module] if node.module else [])])
+            yield source
+            yield from (f"{source}.{alias.name}" for alias in node.names)
 
 
 def digest(value: Any) -> str:
@@ -158,7 +209,7 @@ def place(function: Callable[..., Any], job: Row) -> Path | None:
     module, name = getattr(function, "__module__", ""), getattr(function, "__qualname__", "<")
     if module.split(".")[0] != PACKAGE.name or "<" in name:
         return None
-    return cache_folder() / "study" / name / f"{digest([fingerprint(), module, job])}.json"
+    return cache_folder() / "study" / name / f"{digest([fingerprint(module), module, job])}.json"
 
 
 def recall(path: Path | None) -> list[Row] | None:

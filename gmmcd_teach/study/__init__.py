@@ -1,23 +1,41 @@
-"""Experiments with scores, seeds and intervals, and the tables of the paper measured anew (chapters 10 to 12)."""
+"""Experiments over seeds, with scores and intervals; the paper measured anew (chapters 10 to 12) and its ledger."""
 
+from gmmcd_teach.study.claims import CLAIMS, RULES, VERDICTS, Claim, verdict
+from gmmcd_teach.study.fragments import merge_fragments, merged_confusion
 from gmmcd_teach.study.intervals import Interval, mean_interval, summary
 from gmmcd_teach.study.runs import run
+from gmmcd_teach.study.runtime import PUBLISHED_RUNTIME, growth, pareto_front, runtime_runs
 from gmmcd_teach.study.scans import backwards, scan
 from gmmcd_teach.study.scores import component_confusion, object_confusion, score
+from gmmcd_teach.study.sweep import at_edge, scored_rows, sweep_runs
 from gmmcd_teach.study.tables import PUBLISHED_METRICS, harmonic_bounds, metric_runs, metric_table
 
 __all__ = [
+    "CLAIMS",
     "PUBLISHED_METRICS",
+    "PUBLISHED_RUNTIME",
+    "RULES",
+    "VERDICTS",
+    "Claim",
     "Interval",
+    "at_edge",
     "backwards",
     "component_confusion",
+    "growth",
     "harmonic_bounds",
     "mean_interval",
+    "merge_fragments",
+    "merged_confusion",
     "metric_runs",
     "metric_table",
     "object_confusion",
+    "pareto_front",
     "run",
+    "runtime_runs",
     "scan",
     "score",
+    "scored_rows",
     "summary",
+    "sweep_runs",
+    "verdict",
 ]

@@ -277,9 +277,7 @@ def test_noise_free_maps_lie_within_a_voxel_of_the_surfaces(scene: str) -> None:
     pair = pair_of(scene, 0, False, False)
     for world, points in zip(scene_worlds(scene), (pair.before, pair.after), strict=True):
         assert len(points) >= 100_000
-        distance = world.nearest(points)[0]
-        assert distance.max() < np.sqrt(3) * VOXEL  # the diagonal: none is farther than that
-        assert (distance > VOXEL).mean() < 0.0005
+        assert world.nearest(points)[0].max() < VOXEL
 
 
 @pytest.mark.slow

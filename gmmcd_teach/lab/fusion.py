@@ -21,7 +21,7 @@ VOXEL = 0.008  # metres: below a pixel's footprint (1 cm) at 2 m
 BLOCK = 4  # voxels: surfaces are looked for in blocks, and distances are cut off at one block
 SAMPLES = 8  # measurements that make a block worth looking at
 SMOOTH = 0.025  # relative spread of the four depths around a voxel above which an edge runs between them
-STEEPEST = 1.1  # metres of distance per metre: a true distance changes by 1 at most
+STEEPEST = 1.2  # metres of distance per metre along its gradient: a true distance changes by 1 at most
 SUPPORT = 3  # frames that must have seen both ends of a crossing
 
 
@@ -157,7 +157,7 @@ def zero_crossings(
 ) -> tuple[Floats, Floats]:
     """Points (N, 3) where the mean distance changes sign between neighbouring voxels, with the weight (N,) of the pair.
 
-    Where it changes faster than distance can, there is an outline and no surface: left out.
+    Where it changes faster than distance can, frames contradict each other, as at outlines: left out.
     """
     grid = np.array(shape) * BLOCK + 1
     voxel = (blocks * BLOCK)[:, None] + np.indices((BLOCK,) * 3).reshape(3, -1).T  # (B, BLOCK^3, 3)
@@ -165,15 +165,27 @@ def zero_crossings(
     index = np.full(int(grid.prod()), -1, dtype=np.int32)
     index[flat] = np.arange(len(flat))
     value, weight, position = mean.ravel(), weights.ravel(), centres.reshape(-1, 3)
+    strides = (grid[1] * grid[2], grid[2], 1)
+    known = np.append(value, np.nan)  # index -1 is the voxel that no frame knows
+    gradient = [central_difference(known[index[flat - s]], value, known[index[flat + s]]) for s in strides]
     points, point_weights = [], []
-    for axis, stride in enumerate((grid[1] * grid[2], grid[2], 1)):
+    for axis, stride in enumerate(strides):
         here = np.flatnonzero((index[flat + stride] >= 0) & np.isfinite(value))
         there = index[flat[here] + stride]
         a, b = value[here], value[there]
-        crossing = (np.sign(a) != np.sign(b)) & (np.abs(a - b) < STEEPEST * voxel_size)
+        crossing = np.flatnonzero(np.sign(a) != np.sign(b))
         a, b, here, there = a[crossing], b[crossing], here[crossing], there[crossing]
-        point = position[here].copy()
-        point[:, axis] += voxel_size * a / (a - b)
+        across = [(slope[here] + slope[there]) / 2 for i, slope in enumerate(gradient) if i != axis]
+        gentle = (a - b) ** 2 + across[0] ** 2 + across[1] ** 2 < (STEEPEST * voxel_size) ** 2
+        point = position[here[gentle]].copy()
+        point[:, axis] += voxel_size * (a / (a - b))[gentle]
         points.append(point)
-        point_weights.append(np.minimum(weight[here], weight[there]))
+        point_weights.append(np.minimum(weight[here], weight[there])[gentle])
     return np.concatenate(points), np.concatenate(point_weights)
+
+
+def central_difference(before: Floats, here: Floats, after: Floats) -> Floats:
+    """Half of `after - before`; where one of them is not known (NaN) the step to the other; where neither is, 0."""
+    steps = np.stack([here - before, after - here])
+    known = np.isfinite(steps)
+    return np.where(known, steps, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)

@@ -12,37 +12,40 @@ from gmmcd_teach.mixture import BLOCK, GaussianMixture
 def expect(mixture: GaussianMixture, blocks: list[Block]) -> tuple[float, Floats]:
     """The E-step: log-likelihood (Eq. 4), and the (K, F) sums over points of w_ik times features (Eqs. 6 and 7).
 
-    Dividing the few features of a point by its density, instead of its K densities, makes them responsibilities.
+    Dividing the few features of a point by its density, instead of its K densities, makes them responsibilities. Where
+    densities may have left the range of the numbers, the reference was too old: it is taken anew from the largest
+    term, as log-sum-exp does.
     """
     k = mixture.n_components
     eta = np.column_stack([natural_parameters(mixture), np.ones(k)])  # the last column adds the reference
     sums = np.zeros((k, eta.shape[1] - 1))
     log_likelihood = 0.0
-    lowest = np.full((k, BLOCK), -700.0)
-    for features, counts in blocks:
-        density, total = relative_density(eta, features, lowest)  # (K, B), (B,)
-        features[-1] -= np.log(total)
-        log_likelihood -= features[-1] @ counts
-        sums += density @ (features[:-1] * (counts / total)).T
+    space, lowest = np.empty((2, k, BLOCK))  # for each block again: fresh memory costs more than the arithmetic
+    lowest[:] = -700.0
+    with np.errstate(over="ignore"):
+        for features, counts in blocks:
+            here = slice(len(counts))
+            density, total = relative_density(eta, features, space[:, here], lowest[:, here])
+            change = np.log(total)  # of each point's log-density since the E-step before
+            if not change @ change < 200**2:
+                features[-1] = -(eta[:, :-1] @ features[:-1]).max(axis=0)
+                density, total = relative_density(eta, features, space[:, here], lowest[:, here])
+                change = np.log(total)
+            features[-1] -= change
+            log_likelihood -= features[-1] @ counts
+            sums += density @ (features[:-1] * (counts / total)).T
     return float(log_likelihood), sums
 
 
-def relative_density(eta: Floats, features: Floats, lowest: Floats) -> tuple[Floats, Floats]:
+def relative_density(eta: Floats, features: Floats, space: Floats, lowest: Floats) -> tuple[Floats, Floats]:
     """(K, B) alpha_k p(s_i | theta_k) relative to the reference in the last row of the features, and (B,) their sum.
 
-    Below exp(-700) a density is as good as none, and slow to compute. Where a sum leaves the range of the numbers,
-    the reference was too old: take it anew from the largest term, as log-sum-exp does.
+    The densities are written into `space`. Below exp(-700) a density is as good as none, and slow to compute.
     """
-    lowest = lowest[:, : features.shape[1]]
-    with np.errstate(over="ignore"):
-        density = np.exp(np.maximum(eta @ features, lowest))
-        total = density.sum(axis=0)
-    if total.min() < 1e-100 or total.max() > 1e100:
-        log_joint = eta[:, :-1] @ features[:-1]
-        features[-1] = -log_joint.max(axis=0)
-        density = np.exp(np.maximum(log_joint + features[-1], lowest))
-        total = density.sum(axis=0)
-    return density, total
+    np.matmul(eta, features, out=space)
+    np.maximum(space, lowest, out=space)
+    density = np.exp(space, out=space)
+    return density, np.ones(len(eta)) @ density
 
 
 def maximise(

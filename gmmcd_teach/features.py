@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gmmcd_teach.clouds import CloudError, Floats
 from gmmcd_teach.mixture import BLOCK, GaussianMixture, cholesky_factors
@@ -24,6 +26,18 @@ class Block(NamedTuple):
     counts: Floats
 
 
+@cache
+def pairs(n_dimensions: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The rows and columns i <= j of a symmetric matrix, in the order in which the features x_i x_j stand.
+
+    Examples
+    --------
+    >>> [index.tolist() for index in pairs(2)]
+    [[0, 0, 1], [0, 1, 1]]
+    """
+    return np.triu_indices(n_dimensions)
+
+
 def quadratic_features(points: Floats) -> Floats:
     """(F, N) rows 1, x_i, x_i x_j with i <= j: all that a Gaussian asks of a point; F = 1 + P.
 
@@ -33,7 +47,7 @@ def quadratic_features(points: Floats) -> Floats:
     array([1., 2., 3., 4., 6., 9.])
     """
     n, d = points.shape
-    i, j = np.triu_indices(d)
+    i, j = pairs(d)
     x = np.ascontiguousarray(points.T)
     return np.concatenate([np.ones((1, n)), x, x[i] * x[j]])
 
@@ -43,8 +57,8 @@ def blocks_of(features: Floats, counts: Floats) -> list[Block]:
 
     Examples
     --------
-    >>> [block.features.shape for block in blocks_of(np.ones((6, 1500)), np.ones(1500))]
-    [(7, 1024), (7, 476)]
+    >>> [block.features.shape for block in blocks_of(np.ones((6, 2000)), np.ones(2000))]
+    [(7, 1536), (7, 464)]
     """
     cuts = [slice(start, start + BLOCK) for start in range(0, len(counts), BLOCK)]
     return [Block(np.concatenate([features[:, cut], np.zeros((1, len(counts[cut])))]), counts[cut]) for cut in cuts]
@@ -83,7 +97,7 @@ def natural_parameters(mixture: GaussianMixture) -> Floats:
     True
     """
     d = mixture.n_dimensions
-    i, j = np.triu_indices(d)
+    i, j = pairs(d)
     factors = np.linalg.inv(cholesky_factors(mixture.covariances))  # (K, D, D)
     precisions = factors.swapaxes(1, 2) @ factors  # Sigma^-1
     linear = (precisions @ mixture.means[:, :, None])[:, :, 0]  # (K, D)
@@ -107,7 +121,7 @@ def moments(sums: Floats, covariance_floor: float) -> tuple[Floats, Floats, Floa
     """
     support = sums[:, 0]
     d = int(np.sqrt(2 * sums.shape[1] + 0.25) - 1.5)  # F = (D + 1) (D + 2) / 2
-    i, j = np.triu_indices(d)
+    i, j = pairs(d)
     means = sums[:, 1 : 1 + d] / support[:, None]
     upper = sums[:, 1 + d :] / support[:, None] - means[:, i] * means[:, j]
     covariances = np.empty((len(sums), d, d))

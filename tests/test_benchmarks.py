@@ -1,0 +1,26 @@
+"""The benchmarks run and print; how fast they are is no test."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def test_each_benchmark_prints_its_ratio_beside_its_target() -> None:
+    command = [sys.executable, "-m", "tests.benchmarks", "--quick"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    parts = done.stdout.split("\n\n")[1:]
+    assert [part[0] for part in parts] == ["1", "2", "3", "4", "5", "6"]
+    for part in parts:
+        assert "target: at " in part or "Open3D is not installed" in part
+
+
+def test_a_benchmark_is_called_by_its_number() -> None:
+    command = [sys.executable, "-m", "tests.benchmarks", "7"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "numbers are 1 to 6" in done.stderr

@@ -1,6 +1,7 @@
 """Experiments over seeds, with scores and intervals; the paper measured anew (chapters 10 to 12) and its ledger."""
 
 from gmmcd_teach.study.claims import CLAIMS, RULES, VERDICTS, Claim, verdict
+from gmmcd_teach.study.explain import CHANGES, explained_runs, fit_from, only
 from gmmcd_teach.study.fragments import merge_fragments, merged_confusion
 from gmmcd_teach.study.intervals import Interval, mean_interval, summary
 from gmmcd_teach.study.runs import run
@@ -11,6 +12,7 @@ from gmmcd_teach.study.sweep import at_edge, scored_rows, sweep_runs
 from gmmcd_teach.study.tables import PUBLISHED_METRICS, harmonic_bounds, metric_runs, metric_table
 
 __all__ = [
+    "CHANGES",
     "CLAIMS",
     "PUBLISHED_METRICS",
     "PUBLISHED_RUNTIME",
@@ -21,6 +23,8 @@ __all__ = [
     "at_edge",
     "backwards",
     "component_confusion",
+    "explained_runs",
+    "fit_from",
     "growth",
     "harmonic_bounds",
     "mean_interval",
@@ -29,6 +33,7 @@ __all__ = [
     "metric_runs",
     "metric_table",
     "object_confusion",
+    "only",
     "pareto_front",
     "run",
     "runtime_runs",

@@ -8,8 +8,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
 from gmmcd_teach.clouds import Floats
-from gmmcd_teach.metrics import Confusion, component_truth
-from gmmcd_teach.mixture import GaussianMixture
+from gmmcd_teach.metrics import Confusion
 
 Indices = NDArray[np.intp]
 
@@ -45,9 +44,7 @@ def merge_fragments(means: Floats, taken: ArrayLike, reach: float) -> list[Indic
     return [indices[number == i] for i in range(number.max() + 1)]
 
 
-def merged_confusion(
-    mixture: GaussianMixture, taken: ArrayLike, points: ArrayLike, changed: ArrayLike, reach: float
-) -> Confusion:
+def merged_confusion(means: Floats, taken: ArrayLike, owner: Indices, changed: ArrayLike, reach: float) -> Confusion:
     """Count groups of components in place of components.
 
     A group of components taken is a tp where more than half of its points have changed, else an fp. A group of changed
@@ -55,31 +52,41 @@ def merged_confusion(
 
     Parameters
     ----------
-    mixture : the mixture fitted to `points`, K components.
+    means : (K, D) metres, of all components.
     taken : indices of the components that were extracted.
-    points : (N, D) metres.
+    owner : (N,) int, the component of each point, see `GaussianMixture.assign`.
     changed : (N,) bool, the truth.
     reach : see `merge_fragments`.
 
     Raises
     ------
-    CloudError
-        See `component_truth`.
     ValueError
         `reach` is negative.
 
     Examples
     --------
-    >>> three = GaussianMixture([0.4, 0.3, 0.3], [[0.0], [8.9], [9.1]], [[[0.01]]] * 3)
-    >>> merged_confusion(three, [1, 2], [[0.0], [8.9], [9.1]], [False, True, True], reach=0.5)
+    >>> merged_confusion(np.array([[0.0], [8.9], [9.1]]), [1, 2], np.arange(3), [False, True, True], reach=0.5)
     Confusion(tp=1, fp=0, fn=0, tn=1)
     """
-    truth = component_truth(mixture, points, changed)  # (K,)
-    owner, flags = mixture.assign(points), np.asarray(changed)
-    claims = merge_fragments(mixture.means, taken, reach)
-    right = [bool(flags[np.isin(owner, group)].mean() > 0.5) if np.isin(owner, group).any() else False
-             for group in claims]  # fmt: skip
-    missed = [group for group in merge_fragments(mixture.means, np.flatnonzero(truth), reach)
-              if not np.isin(group, np.asarray(taken)).any()]  # fmt: skip
-    used = sum(map(len, claims)) + int((truth & ~np.isin(np.arange(len(truth)), np.asarray(taken))).sum())
-    return Confusion(sum(right), len(right) - sum(right), len(missed), mixture.n_components - used)
+    flags = np.asarray(changed)
+    truth = changed_share(owner, flags, len(means)) > 0.5  # (K,)
+    is_taken = np.isin(np.arange(len(means)), np.asarray(taken, dtype=np.intp))
+    claims = merge_fragments(means, np.flatnonzero(is_taken), reach)
+    mine = [np.isin(owner, group) for group in claims]  # (N,) for each claim
+    tp = sum(bool(m.any() and flags[m].mean() > 0.5) for m in mine)
+    real = merge_fragments(means, np.flatnonzero(truth), reach)
+    fn = sum(not is_taken[group].any() for group in real)
+    return Confusion(tp, len(claims) - tp, fn, int(np.count_nonzero(~truth & ~is_taken)))
+
+
+def changed_share(owner: Indices, changed: ArrayLike, n_components: int) -> Floats:
+    """(K,) share of each component's points that have changed, 0 for a component without points.
+
+    Examples
+    --------
+    >>> changed_share(np.array([0, 0, 2]), [True, False, True], 3)
+    array([0.5, 0. , 1. ])
+    """
+    total = np.bincount(owner, minlength=n_components)
+    hits = np.bincount(owner[np.asarray(changed)], minlength=n_components)
+    return np.asarray(hits / np.maximum(total, 1))

@@ -13,11 +13,11 @@ from gmmcd_teach.clouds import Floats
 from gmmcd_teach.detection import Detection, prepare
 from gmmcd_teach.lab.pair import ScenePair
 from gmmcd_teach.methods import detect_changes
-from gmmcd_teach.metrics import component_truth
+from gmmcd_teach.metrics import confusion
 from gmmcd_teach.pca import principal_axes
-from gmmcd_teach.study.fragments import merged_confusion
+from gmmcd_teach.study.fragments import changed_share, merged_confusion
 from gmmcd_teach.study.scans import scan
-from gmmcd_teach.study.scores import Row, as_row, score
+from gmmcd_teach.study.scores import Row, as_row, object_confusion
 from gmmcd_teach.study.tables import OVERLAP
 
 EDGE = 0.2
@@ -37,8 +37,10 @@ def sweep_runs(scene: str, seed: int, **options: Any) -> list[Row]:
 
     Returns
     -------
-    The rows of `score` for appearances, and level "overlap", see `metric_runs`, and "merged", see `merged_confusion`.
-    With each row what `notes` gives, `cpu` (seconds of computing, all steps), and `em_share`, EM's part of the time.
+    One row for each `level`: "component", "point", "object" and "overlap" as in `metric_runs`, and "merged", see
+    `merged_confusion`. Each has counts and metrics, `n_before` and `n_after` (K* of both fits), `n_taken` and `n_true`
+    (components extracted, and mostly changed), what `notes` gives, `cpu` (seconds of computing, all steps), and
+    `em_share`, EM's part of the time.
 
     Examples
     --------
@@ -55,7 +57,12 @@ def sweep_runs(scene: str, seed: int, **options: Any) -> list[Row]:
 
 
 def scored_rows(detection: Detection, pair: ScenePair, clouds: tuple[Floats, Floats], **labels: Any) -> list[Row]:
-    """The rows of `sweep_runs` for a detection that was made already; `clouds`: as the mixtures know them.
+    """The rows of `sweep_runs` for a detection by mixtures; `clouds`: the pair's, in the coordinates of the mixtures.
+
+    Raises
+    ------
+    ValueError
+        The method has no mixtures.
 
     Examples
     --------
@@ -64,48 +71,49 @@ def scored_rows(detection: Detection, pair: ScenePair, clouds: tuple[Floats, Flo
     >>> scored_rows(detection, pair, (pair.before, pair.after))[0]["n_after"]
     5
     """
-    labels = {**labels, **notes(detection, pair, clouds[1])}
-    both = score(detection, pair, clouds=clouds, overlap=OVERLAP)
-    rows = [{**labels, **row} for row in both if row["direction"] == "appeared"]
-    mixture = detection.after_mixture
-    if mixture is not None:
-        merged = merged_confusion(mixture, detection.appeared_components, clouds[1], pair.appeared, REACH)
-        rows.append({**labels, **as_row(merged, direction="appeared", level="merged")})
-    return rows
+    mixture, taken, claimed = detection.after_mixture, detection.appeared_components, detection.appeared
+    if mixture is None or detection.before_mixture is None:
+        raise ValueError("scored_rows: a detection without mixtures; expected one of a method that fits them")
+    owner = mixture.assign(clouds[1])  # (N,)
+    share = changed_share(owner, pair.appeared, mixture.n_components)  # (K,)
+    is_taken = np.isin(np.arange(mixture.n_components), taken)
+    tables = {
+        "component": confusion(is_taken, share > 0.5),
+        "point": confusion(claimed, pair.appeared),
+        "object": object_confusion(pair.after, claimed, pair.after_objects),
+        "overlap": confusion(is_taken, share > OVERLAP),
+        "merged": merged_confusion(mixture.means, taken, owner, pair.appeared, REACH),
+    }
+    sizes = {
+        "n_before": detection.before_mixture.n_components,
+        "n_after": mixture.n_components,
+        "n_taken": len(taken),
+        "n_true": int((share > 0.5).sum()),
+    }
+    labels = {**labels, **sizes, **notes(claimed, pair)}
+    return [as_row(table, **labels, level=level) for level, table in tables.items()]
 
 
-def notes(detection: Detection, pair: ScenePair, after: Floats) -> Row:
-    """What else is said of a detection.
+def notes(claimed: NDArray[np.bool_], pair: ScenePair) -> Row:
+    """What else is said of the claimed points (N_after,).
 
     Returns
     -------
-    `n_before`, `n_after` : components of the two mixtures, K*.
-    `n_taken`, `n_true` : components extracted, and components that have mostly changed.
-    `claimed` : share of the later points that is claimed.
+    `claimed` : their share.
     `found`, `missed` : names of objects of which more than half, or less, is claimed.
     `edge_false`, `edge_all` : share of the falsely claimed points, and of all unchanged points, at the scan's edge.
 
     Examples
     --------
     >>> pair = scan("cargo_bag", 1)
-    >>> notes(Detection(pair.appeared, pair.disappeared), pair, pair.after)["found"]
+    >>> notes(pair.appeared, pair)["found"]
     'cargo bag'
     """
-    numbers, claimed = pair.after_objects, detection.appeared
+    numbers = pair.after_objects
     names = {name: numbers == i for i, name in enumerate(pair.object_names, start=1) if (numbers == i).any()}
     found = [name for name, mine in names.items() if claimed[mine].mean() > 0.5]
     edge, false = at_edge(pair.after), claimed & (numbers == 0)
-    sizes: Row = {"n_before": 0, "n_after": 0, "n_taken": 0, "n_true": 0}
-    if detection.before_mixture is not None and detection.after_mixture is not None:
-        truth = component_truth(detection.after_mixture, after, pair.appeared)
-        sizes = {
-            "n_before": detection.before_mixture.n_components,
-            "n_after": detection.after_mixture.n_components,
-            "n_taken": len(detection.appeared_components),
-            "n_true": int(truth.sum()),
-        }
     return {
-        **sizes,
         "claimed": float(claimed.mean()),
         "found": ", ".join(found),
         "missed": ", ".join(name for name in names if name not in found),

@@ -5,51 +5,42 @@ from __future__ import annotations
 import numpy as np
 
 from gmmcd_teach.clouds import Floats
-from gmmcd_teach.features import Block, moments, natural_parameters
-from gmmcd_teach.mixture import BLOCK, GaussianMixture
+from gmmcd_teach.features import Blocks, block_size, moments, natural_parameters
+from gmmcd_teach.mixture import GaussianMixture
 
 
-def expect(mixture: GaussianMixture, blocks: list[Block]) -> tuple[float, Floats]:
+def expect(mixture: GaussianMixture, blocks: Blocks) -> tuple[float, Floats]:
     """The E-step: log-likelihood (Eq. 4), and the (K, F) sums over points of w_ik times features (Eqs. 6 and 7).
 
-    Dividing the few features of a point by its density, instead of its K densities, makes them responsibilities. Where
-    densities may have left the range of the numbers, the reference was too old: it is taken anew from the largest
-    term, as log-sum-exp does.
+    Dividing the few features of a point by its density, instead of its K densities, makes them responsibilities. Below
+    exp(-700) a density is as good as none, and slow to compute. Where a point's density has left the range of the
+    numbers, its reference was too old: all are taken anew from the largest term, as log-sum-exp does.
     """
-    k = mixture.n_components
+    features, counts = blocks
+    k, size = mixture.n_components, block_size(mixture.n_components)
     eta = np.column_stack([natural_parameters(mixture), np.ones(k)])  # the last column adds the reference
-    sums = np.zeros((k, eta.shape[1] - 1))
-    log_likelihood = 0.0
-    space, lowest = np.empty((2, k, BLOCK))  # for each block again: fresh memory costs more than the arithmetic
+    sums = np.zeros((k, len(features) - 1))
+    total = np.empty(len(counts))  # densities of the points, relative to the E-step before
+    space, lowest = np.empty((2, k, size))  # for each block again: fresh memory costs more than the arithmetic
     lowest[:] = -700.0
-    with np.errstate(over="ignore"):
-        for features, counts in blocks:
-            here = slice(len(counts))
-            density, total = relative_density(eta, features, space[:, here], lowest[:, here])
-            change = np.log(total)  # of each point's log-density since the E-step before
-            if not change @ change < 200**2:
-                features[-1] = -(eta[:, :-1] @ features[:-1]).max(axis=0)
-                density, total = relative_density(eta, features, space[:, here], lowest[:, here])
-                change = np.log(total)
-            features[-1] -= change
-            log_likelihood -= features[-1] @ counts
-            sums += density @ (features[:-1] * (counts / total)).T
-    return float(log_likelihood), sums
-
-
-def relative_density(eta: Floats, features: Floats, space: Floats, lowest: Floats) -> tuple[Floats, Floats]:
-    """(K, B) alpha_k p(s_i | theta_k) relative to the reference in the last row of the features, and (B,) their sum.
-
-    The densities are written into `space`. Below exp(-700) a density is as good as none, and slow to compute.
-    """
-    np.matmul(eta, features, out=space)
-    np.maximum(space, lowest, out=space)
-    density = np.exp(space, out=space)
-    return density, np.ones(len(eta)) @ density
+    with np.errstate(over="ignore", invalid="ignore"):
+        for cut in blocks.cuts(k):
+            phi, density = features[:, cut], space[:, : cut.stop - cut.start]  # (F + 1, B), (K, B)
+            np.matmul(eta, phi, out=density)
+            np.maximum(density, lowest[:, : density.shape[1]], out=density)
+            np.exp(density, out=density)
+            np.matmul(np.ones(k), density, out=total[cut])
+            sums += density @ (phi[:-1] * (counts[cut] / total[cut])).T
+    if total.min() < 1e-100 or total.max() > 1e100:
+        for cut in blocks.cuts(k):
+            features[-1, cut] = -(eta[:, :-1] @ features[:-1, cut]).max(axis=0)
+        return expect(mixture, blocks)
+    features[-1] -= np.log(total)
+    return -float(features[-1] @ counts), sums
 
 
 def maximise(
-    mixture: GaussianMixture, sums: Floats, blocks: list[Block], min_components: int, covariance_floor: float
+    mixture: GaussianMixture, sums: Floats, blocks: Blocks, min_components: int, covariance_floor: float
 ) -> GaussianMixture:
     """The modified M-step: means and covariances (Eqs. 8 to 10), and weights that annihilate the weak (Eqs. 11 and 12).
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from gmmcd_teach import batch, componentwise
 from gmmcd_teach.clouds import CloudError, check_points
-from gmmcd_teach.features import Block, average_over_cells, blocks_of, quadratic_features
+from gmmcd_teach.features import Blocks, average_over_cells, blocks_of, quadratic_features
 from gmmcd_teach.mdl import mdl_penalty
 from gmmcd_teach.mixture import LARGEST, GaussianMixture
 from gmmcd_teach.starts import check_options, check_weights, starting_mixture
@@ -133,7 +133,7 @@ class EMRun:
     covariance_floor: float
     on_record: Callable[[Record], None] | None = None
 
-    def path(self, mixture: GaussianMixture, blocks: list[Block]) -> MixtureFit:
+    def path(self, mixture: GaussianMixture, blocks: Blocks) -> MixtureFit:
         """Converge, take the weakest out, converge again, down to min_components; return the best mixture met."""
         history: list[Record] = []
         best: MixtureFit | None = None
@@ -149,14 +149,14 @@ class EMRun:
             mixture = mixture.subset(np.delete(np.arange(mixture.n_components), mixture.weights.argmin()))
             event = "removed"
 
-    def polish(self, fit: MixtureFit, blocks: list[Block]) -> MixtureFit:
+    def polish(self, fit: MixtureFit, blocks: Blocks) -> MixtureFit:
         """Let EM run on all points from the mixture that won on cells."""
         last = self.converge(fit.mixture, blocks, ("polish", "polish"))
         return MixtureFit(last.mixture, last.description_length, last.log_likelihood, fit.history + last.history)
 
-    def converge(self, mixture: GaussianMixture, blocks: list[Block], events: tuple[str, str]) -> MixtureFit:
+    def converge(self, mixture: GaussianMixture, blocks: Blocks, events: tuple[str, str]) -> MixtureFit:
         """E-steps and M-steps in turn, uphill (Eq. 5), until the log-likelihood stands still or max_iter is reached."""
-        n_points = sum(float(block.counts.sum()) for block in blocks)
+        n_points = float(blocks.counts.sum())
 
         def note(event: str) -> None:
             penalty = mdl_penalty(mixture.weights, n_points, mixture.n_dimensions)

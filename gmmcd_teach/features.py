@@ -9,21 +9,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gmmcd_teach.clouds import CloudError, Floats
-from gmmcd_teach.mixture import BLOCK, GaussianMixture, cholesky_factors
+from gmmcd_teach.mixture import GaussianMixture
+
+CACHE = 40_000  # numbers: the K x B densities of a block of B points, which the processor's cache can hold
+WIDEST = 4_000  # points in a block: their features have to fit, too
 
 
-class Block(NamedTuple):
-    """Some points, stored by columns so that both matrix products run over contiguous memory.
+class Blocks(NamedTuple):
+    """The points as EM sees them, components and features as rows, worked on in blocks of columns.
 
     Attributes
     ----------
-    features : (F + 1, B) the features of B points; the last row is minus their log-density of the E-step before,
+    features : (F + 1, N) the features of N points; the last row is minus their log-density of the E-step before,
         so that a product with it gives log-densities relative to that, which the exponential can take as they are.
-    counts : (B,) how many points each column stands for.
+    counts : (N,) how many points each column stands for.
     """
 
     features: Floats
     counts: Floats
+
+    def cuts(self, n_components: int) -> list[slice]:
+        """The columns of each block, as many as fit for so many components."""
+        size = block_size(n_components)
+        return [slice(start, min(start + size, len(self.counts))) for start in range(0, len(self.counts), size)]
+
+
+def block_size(n_components: int) -> int:
+    """B, the points in a block.
+
+    Examples
+    --------
+    >>> block_size(1), block_size(25), block_size(50)
+    (4000, 1600, 800)
+    """
+    return min(WIDEST, max(1, CACHE // n_components))
 
 
 @cache
@@ -52,16 +71,16 @@ def quadratic_features(points: Floats) -> Floats:
     return np.concatenate([np.ones((1, n)), x, x[i] * x[j]])
 
 
-def blocks_of(features: Floats, counts: Floats) -> list[Block]:
-    """Cut (F, N) features and their (N,) counts into blocks whose densities fit the processor's cache.
+def blocks_of(features: Floats, counts: Floats) -> Blocks:
+    """(F, N) features and their (N,) counts, with a reference of 0 to begin with.
 
     Examples
     --------
-    >>> [block.features.shape for block in blocks_of(np.ones((6, 2000)), np.ones(2000))]
-    [(7, 1536), (7, 464)]
+    >>> blocks = blocks_of(np.ones((6, 2000)), np.ones(2000))
+    >>> blocks.features.shape, blocks.cuts(25)
+    ((7, 2000), [slice(0, 1600, None), slice(1600, 2000, None)])
     """
-    cuts = [slice(start, start + BLOCK) for start in range(0, len(counts), BLOCK)]
-    return [Block(np.concatenate([features[:, cut], np.zeros((1, len(counts[cut])))]), counts[cut]) for cut in cuts]
+    return Blocks(np.concatenate([features, np.zeros((1, len(counts)))]), counts)
 
 
 def average_over_cells(points: Floats, features: Floats, counts: Floats, cell_size: float) -> tuple[Floats, Floats]:
@@ -98,7 +117,7 @@ def natural_parameters(mixture: GaussianMixture) -> Floats:
     """
     d = mixture.n_dimensions
     i, j = pairs(d)
-    factors = np.linalg.inv(cholesky_factors(mixture.covariances))  # (K, D, D)
+    factors = np.linalg.inv(np.linalg.cholesky(mixture.covariances))  # (K, D, D)
     precisions = factors.swapaxes(1, 2) @ factors  # Sigma^-1
     linear = (precisions @ mixture.means[:, :, None])[:, :, 0]  # (K, D)
     half_log_det = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)

@@ -55,7 +55,7 @@ def detect_shared(
     leaf_size, outlier_filter : thin and filter the clouds first.
     before_origin, after_origin : (3,) metres, and
     before_frames, after_frames : the depth frames: where one of the two is told, a component must have been looked
-        past by the other scan to have changed; what was merely hidden has not.
+        past by the other scan to have changed, and more of it looked past than met; what was merely hidden has not.
     rng, progress : seed of the start of EM; show how far it has come.
     alignment_error : metres, how far the clouds may be off each other.
     share : of a component's patches that one cloud must hold for the other to lack it, above 0.5. None takes 0.7, or
@@ -114,8 +114,12 @@ def detect_shared(
         (come, 1, old, before_origin, before_frames),
     ):
         if frames is not None or origin is not None:
-            past = np.bincount(members[mine], looks(patches[mine], other, origin, frames, patch).past > 0, len(changed))
-            changed &= past > SEEN_THROUGH * masses[mine]
+            seen = looks(patches[mine], other, origin, frames, patch)
+            past, met = (
+                np.bincount(members[mine], patch_says, len(changed))
+                for patch_says in (seen.past > seen.met, (seen.met > 0) & (seen.met >= seen.past))
+            )
+            changed &= past > np.maximum(met, SEEN_THROUGH * masses[mine])
     held = masses[0] * ~come, masses[1] * ~gone  # a stray patch or two of what the other cloud has alone is dropped
     sides = [GaussianMixture(mass / mass.sum(), mixture.means, mixture.covariances) for mass in held]
     watch.seconds["compare"] = 0.0

@@ -23,13 +23,14 @@ def expect(mixture: GaussianMixture, blocks: Blocks) -> tuple[float, Floats]:
     total = np.empty(len(counts))  # densities of the points, relative to the E-step before
     space, lowest = np.empty((2, k, size))  # for each block again: fresh memory costs more than the arithmetic
     lowest[:] = -700.0
+    ones = np.ones(k)
     with np.errstate(over="ignore", invalid="ignore"):
         for cut in blocks.cuts(k):
             phi, density = features[:, cut], space[:, : cut.stop - cut.start]  # (F + 1, B), (K, B)
             np.matmul(eta, phi, out=density)
             np.maximum(density, lowest[:, : density.shape[1]], out=density)
             np.exp(density, out=density)
-            np.matmul(np.ones(k), density, out=total[cut])
+            np.matmul(ones, density, out=total[cut])
             sums += density @ (phi[:-1] * (counts[cut] / total[cut])).T
     if total.min() < 1e-100 or total.max() > 1e100:
         for cut in blocks.cuts(k):

@@ -104,32 +104,38 @@ def voxel_downsample(points: ArrayLike, leaf_size: float) -> Voxels:
     if not (isinstance(leaf_size, Real) and 0 < leaf_size < np.inf):
         raise ValueError(f"leaf_size is {leaf_size!r}; expected a length in metres above 0")
     points = check_points(points)
-    columns = np.ascontiguousarray(points.T)  # (D, N)
+    columns = points.T.copy()  # (D, N)
     with np.errstate(over="ignore"):
         cells = columns / leaf_size
     np.floor(cells, out=cells)
-    if np.abs(cells).max() >= 2.0**53:
+    if max(cells.max(), -cells.min()) >= 2.0**53:
         raise CloudError(f"points: reach too far for cells of {leaf_size} m; expected a larger leaf, or a nearer cloud")
     membership = _number(cells)
     counts = np.bincount(membership)
     member = np.empty(len(counts), dtype=np.int64)
     member[membership] = np.arange(len(points))  # one point of each cell: offsets from it are small, sums of them exact
     centroids = np.empty((len(counts), len(columns)))
-    for d, column in enumerate(columns):
-        start = column[member]
-        centroids[:, d] = start + np.bincount(membership, column - start[membership]) / counts
+    for d, offset in enumerate(columns):
+        start = offset[member]
+        offset -= start[membership]
+        centroids[:, d] = start + np.bincount(membership, offset) / counts
     return Voxels(centroids, counts, membership)
 
 
 def _number(cells: Floats) -> NDArray[np.int64]:
-    """Number the distinct columns of `cells` (D, N) in lexicographic order and return the number of each, (N,)."""
-    cells = cells - cells.min(axis=1, keepdims=True)
+    """Number the distinct columns of `cells` (D, N) in lexicographic order, (N,); the cells are written over."""
+    cells -= cells.min(axis=1, keepdims=True)
     if np.prod(cells.max(axis=1) + 1) >= 2.0**62:
-        cells = np.array([np.unique(axis, return_inverse=True)[1] for axis in cells])
-    key = np.zeros(cells.shape[1], dtype=np.int64)
-    for axis in cells.astype(np.int64):
-        key *= axis.max() + 1
-        key += axis
+        cells[:] = [np.unique(axis, return_inverse=True)[1] for axis in cells]
+    key = cells[0].astype(np.int64)
+    for axis in cells[1:]:
+        key *= int(axis.max()) + 1
+        key += axis.astype(np.int64)
+    return _ranks(key)
+
+
+def _ranks(key: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The number of each key among the distinct ones, (N,): by a table where that is small enough, else by sorting."""
     if key.max() >= min(TABLE_CELLS, TABLE_SPARSITY * len(key)):
         return np.unique(key, return_inverse=True)[1]
     occupied = np.zeros(key.max() + 1, dtype=bool)

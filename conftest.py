@@ -17,11 +17,13 @@ for library in ("OMP", "OPENBLAS", "MKL"):
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--all", action="store_true", help="run the slow tests, too")
+    parser.addoption("--anywhere", action="store_true", help="run every notebook alone from a wheel, too")
     parser.addoption("--scores", action="store_true", help="run the long measurements of scores over seeds, too")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    unasked = [marker for marker, option in (("slow", "--all"), ("scores", "--scores")) if not config.getoption(option)]
+    options = {"slow": "--all", "anywhere": "--anywhere", "scores": "--scores"}
+    unasked = [marker for marker, option in options.items() if not config.getoption(option)]
     left_out = [item for item in items if any(item.get_closest_marker(marker) for marker in unasked)]
     if left_out:
         config.hook.pytest_deselected(items=left_out)

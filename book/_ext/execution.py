@@ -1,4 +1,4 @@
-"""Run the notebooks before Sphinx reads them: two at a time, each in an empty folder, time and memory measured.
+"""Run the notebooks before Sphinx reads them: two at a time, each in an empty folder with no network, and measured.
 
 MyST-NB would run them one after the other. Here they run in a pool first, and `source-read` hands Sphinx the notebook
 with its outputs. Outputs are kept in `_build/.executed` under a key made of the notebook's code cells, the package,
@@ -32,6 +32,7 @@ from srcroot import ROOT, chapters_wanted
 
 logger = logging.getLogger(__name__)
 WORKERS = 2
+OFFLINE = Path(__file__).with_name("offline")
 RUNS_IN = re.compile(r"(\*\*It runs\*\* in under [\w ]+?)\.(?=\n|$)")
 COST_PAGES = ("book/intro",)  # pages that quote the chapters' measured times
 
@@ -76,10 +77,14 @@ class Meter(threading.Thread):
                 continue
 
 
-def run_notebook(path: Path, timeout: int) -> dict[str, Any]:
-    """Execute one notebook in an empty folder; return its outputs cell by cell and what it cost."""
+def run_notebook(path: Path, timeout: int, python_path: str = "") -> dict[str, Any]:
+    """Execute one notebook in an empty folder, cut off from the network; return its outputs and what it cost.
+
+    A folder `python_path` comes before all others when modules are looked for.
+    """
     notebook = nbformat.read(path, as_version=4)
-    environment = os.environ | {"TQDM_DISABLE": "1", "PYTHONHASHSEED": "0"}
+    found_in = os.pathsep.join(filter(None, (str(OFFLINE), python_path, os.environ.get("PYTHONPATH"))))
+    environment = os.environ | {"TQDM_DISABLE": "1", "PYTHONHASHSEED": "0", "PYTHONPATH": found_in}
     for library in ("OMP", "OPENBLAS", "MKL"):  # one core for each of the two kernels
         environment.setdefault(f"{library}_NUM_THREADS", "1")
     if (scans := ROOT.parent / "shared" / "real").is_dir():

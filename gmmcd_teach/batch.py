@@ -36,7 +36,7 @@ def expect(mixture: GaussianMixture, blocks: Blocks) -> tuple[float, Floats]:
         for cut in blocks.cuts(k):
             features[-1, cut] = -(eta[:, :-1] @ features[:-1, cut]).max(axis=0)
         return expect(mixture, blocks)
-    features[-1] -= np.log(total)
+    features[-1] -= np.log(total, out=total)
     return -float(features[-1] @ counts), sums
 
 

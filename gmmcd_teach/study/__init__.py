@@ -3,7 +3,9 @@
 from gmmcd_teach.study.claims import CLAIMS, RULES, VERDICTS, Claim, verdict
 from gmmcd_teach.study.explain import CHANGES, explained_runs, fit_from, only
 from gmmcd_teach.study.fragments import merge_fragments, merged_confusion
+from gmmcd_teach.study.grids import GRIDS, LEAF, LEAVES, SIZES, measured
 from gmmcd_teach.study.intervals import Interval, mean_interval, summary
+from gmmcd_teach.study.ledger import MEASURES, ledger, welch
 from gmmcd_teach.study.runs import run
 from gmmcd_teach.study.runtime import PUBLISHED_RUNTIME, growth, pareto_front, runtime_runs
 from gmmcd_teach.study.scans import backwards, scan
@@ -14,9 +16,14 @@ from gmmcd_teach.study.tables import PUBLISHED_METRICS, harmonic_bounds, metric_
 __all__ = [
     "CHANGES",
     "CLAIMS",
+    "GRIDS",
+    "LEAF",
+    "LEAVES",
+    "MEASURES",
     "PUBLISHED_METRICS",
     "PUBLISHED_RUNTIME",
     "RULES",
+    "SIZES",
     "VERDICTS",
     "Claim",
     "Interval",
@@ -27,7 +34,9 @@ __all__ = [
     "fit_from",
     "growth",
     "harmonic_bounds",
+    "ledger",
     "mean_interval",
+    "measured",
     "merge_fragments",
     "merged_confusion",
     "metric_runs",
@@ -43,4 +52,5 @@ __all__ = [
     "summary",
     "sweep_runs",
     "verdict",
+    "welch",
 ]

@@ -51,7 +51,7 @@ def explained_runs(
         pair = only(pair, ~pair.hidden_before, ~pair.hidden_after)
     if change == "no edges":
         pair = only(pair, ~at_edge(pair.before), ~at_edge(pair.after))
-    rng = np.random.default_rng([seed])
+    rng = np.random.default_rng([seed, 0])
     thin = [prepare(cloud, leaf_size, False) for cloud in (pair.before, pair.after)]
     old = fit_mixture(thin[0], max_components, rng=rng).mixture
     warm = "one start" in change

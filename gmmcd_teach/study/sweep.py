@@ -27,12 +27,13 @@ REACH = 0.3
 """Metres between centres within which fragments are merged: about half an object of the lab."""
 
 
-def sweep_runs(scene: str, seed: int, **options: Any) -> list[Row]:
+def sweep_runs(scene: str, seed: int, start: int = 0, **options: Any) -> list[Row]:
     """Detect what appeared in one pair of scans, and note what the claims of the paper speak of.
 
     Parameters
     ----------
-    scene, seed : see `simulate_pair`; the seed starts EM, too.
+    scene, seed : see `simulate_pair`.
+    start : number of the random start of EM on these scans.
     **options : see `detect_changes`.
 
     Returns
@@ -49,9 +50,9 @@ def sweep_runs(scene: str, seed: int, **options: Any) -> list[Row]:
     ['component', 'point', 'object', 'overlap', 'merged']
     """
     pair = scan(scene, seed)
-    start = process_time()
-    detection = detect_changes(pair.before, pair.after, rng=np.random.default_rng([seed]), **options)
-    cpu = process_time() - start
+    begun = process_time()
+    detection = detect_changes(pair.before, pair.after, rng=np.random.default_rng([seed, start]), **options)
+    cpu = process_time() - begun
     em_share = detection.seconds["em"] / detection.seconds["total"]
     return scored_rows(detection, pair, seen_by_em(pair, **options), cpu=cpu, em_share=em_share)
 

@@ -54,12 +54,13 @@ def test_the_example_runs() -> None:
     (example,) = blocks("python")
     code_lines = [line for line in example.splitlines() if line.strip()]
     assert len(code_lines) <= 10
-    done = subprocess.run([sys.executable, "-W", "error", "-c", example], capture_output=True, text=True, check=False)
+    strict = ["-W", "error", "-W", "ignore:invalid escape sequence"]  # which POT has in docstrings
+    done = subprocess.run([sys.executable, *strict, "-c", example], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     found = re.fullmatch(r"(\d+) new points; precision (\S+), recall (\S+)\n", done.stdout)
     assert found is not None, done.stdout
     assert int(found[1]) > 0
-    assert min(float(found[2]), float(found[3])) > 0.1
+    assert min(float(found[2]), float(found[3])) > 0.95
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"])

@@ -20,6 +20,7 @@ from gmmcd_teach.lab.pair import DepthFrame
 from gmmcd_teach.mixture import GaussianMixture, floats
 
 SEEN_THROUGH = 0.1  # share of a component that the other scan must have looked past, for it to have changed
+TOL = 1e-4  # the floor blurs what more steps of EM would tell
 
 
 def detect_shared(
@@ -94,7 +95,7 @@ def detect_shared(
     old, new = (prepare(cloud, leaf_size, outlier_filter) for cloud in clouds)
     patches = [voxel_downsample(cloud, patch).centroids for cloud in (old, new)]
     watch("filter")
-    em_options.setdefault("covariance_floor", max(alignment_error, 1e-3) ** 2)
+    em_options = {"tol": TOL, "covariance_floor": max(alignment_error, 1e-3) ** 2, **em_options}
     together = np.concatenate(patches)
     with em_progress(2 * max_components, progress) as on_record:
         mixture = fit_mixture(

@@ -138,8 +138,9 @@ def outdated(app: Sphinx, env: BuildEnvironment, added: set[str], changed: set[s
 def run_outdated(app: Sphinx, env: BuildEnvironment, docnames: list[str]) -> None:
     notebooks = [doc for doc in docnames if is_run(app, doc)]
     targets = {doc: stored(app, doc) for doc in notebooks}
-    # The later chapters run longest: start with them.
-    missing = [doc for doc in sorted(notebooks, reverse=True) if not targets[doc].is_file()]
+    # The later chapters run longest: start with them. Appendices come last: they read what chapters have kept.
+    order = sorted(notebooks, key=lambda doc: (Path(doc).name[0].isdigit(), doc), reverse=True)
+    missing = [doc for doc in order if not targets[doc].is_file()]
     failures = []
     with ThreadPoolExecutor(WORKERS) as pool:
         timeout = app.config.nb_execution_timeout

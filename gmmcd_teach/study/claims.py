@@ -101,6 +101,8 @@ def verdict(claim: Claim, ours: Interval) -> str:
 
 
 _STEPS = {"load": "loading", "pca": "PCA", "em": "EM", "emd": "EMD", "total": "in total"}
+_NAMES = {"accuracy": "accuracy", "precision": "precision", "recall": "recall", "f1": "F1"}
+_OBJECTS = {"one": ", one object", "two": ", two objects", "three": ", three objects"}
 _SIMILAR, _LINEAR = (-0.1, 0.1), (0.75, 1.25)
 _RUNTIME, _FRAMES, _MAPS = "Runtime", "Single Frame Point Clouds", "Reconstructed Maps"
 _VARIATIONS, _METRICS, _FUTURE = "Algorithm Variations", "Performance Metrics", "Future Work"
@@ -116,7 +118,7 @@ CLAIMS: tuple[Claim, ...] = (
     Claim("linear-in-k", _RUNTIME, "EM's time grows about linearly with K", _LINEAR, "linear",
           "exponent b of time = a K^b"),
     *(
-        Claim(f"{metric}-{objects}", "Table of metrics", f"{metric}, {objects} object{'s' * (objects != 'one')}",
+        Claim(f"{metric}-{objects}", "Table of metrics", _NAMES[metric] + _OBJECTS[objects],
               float(PUBLISHED_METRICS.loc[metric, objects]), "value", "mean over runs, counted on components")
         for objects in PUBLISHED_METRICS.columns
         for metric in PUBLISHED_METRICS.index

@@ -24,6 +24,7 @@ LEAVES = (0.03, LEAF, 0.06, 0.1)
 """Metres: voxels that are compared."""
 
 _FRAMES: Row = {"scene": ("cargo_bag", "astrobee"), "seed": range(10)}
+_MAPS: Row = {"scene": ("two_objects", "three_objects"), "seed": range(2)}
 _PLAIN: Row = {**_FRAMES, "max_components": (25,), "leaf_size": (LEAF,)}
 
 GRIDS: dict[str, tuple[Callable[..., Any], list[Row]]] = {
@@ -31,9 +32,7 @@ GRIDS: dict[str, tuple[Callable[..., Any], list[Row]]] = {
         metric_runs,
         [
             *arguments({**_FRAMES, "leaf_size": (0.03,)}),
-            *arguments(
-                {"scene": ("two_objects", "three_objects"), "seed": range(2), "starts": (3,), "leaf_size": (0.05,)}
-            ),
+            *arguments({**_MAPS, "starts": (3,), "leaf_size": (0.05,)}),
         ],
     ),
     "sweep": (sweep_runs, arguments({**_PLAIN, "scene": ("cargo_bag",), "max_components": SIZES})),
@@ -47,14 +46,15 @@ GRIDS: dict[str, tuple[Callable[..., Any], list[Row]]] = {
     "cleaned": (sweep_runs, arguments({**_PLAIN, "outlier_filter": (True,)})),
     "maps": (
         sweep_runs,
-        arguments(
-            {"scene": ("two_objects", "three_objects"), "seed": range(2), "start": range(3), "leaf_size": (0.05,)}
-        ),
+        arguments({**_MAPS, "start": range(3), "leaf_size": (0.05,)}),
     ),
     "mixed": (metric_runs, arguments({"scene": ("mixed_frame",), "seed": range(5), "leaf_size": (LEAF,)})),
     "explained": (
         explained_runs,
-        arguments({**_FRAMES, "seed": range(5), "change": CHANGES[1:], "leaf_size": (LEAF,)}),
+        [
+            *arguments({**_FRAMES, "seed": range(5), "change": CHANGES[1:], "leaf_size": (LEAF,)}),
+            *arguments({**_MAPS, "change": ("no shadows",), "leaf_size": (0.05,)}),
+        ],
     ),
 }
 """Name of a table -> the function that makes its rows, and the arguments of each call."""

@@ -11,7 +11,7 @@ from gmmcd_teach.starts import starting_mixture
 from tests.benchmarks import literal
 from tests.benchmarks.timing import Ratio, cpu_seconds, lab_cloud
 
-CELL = 0.02  # metres
+CELL = 0.025  # metres
 
 
 def measure(quick: bool) -> Iterator[Ratio]:

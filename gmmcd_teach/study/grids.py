@@ -53,7 +53,7 @@ GRIDS: dict[str, tuple[Callable[..., Any], list[Row]]] = {
         explained_runs,
         [
             *arguments({**_FRAMES, "seed": range(5), "change": CHANGES[1:], "leaf_size": (LEAF,)}),
-            *arguments({**_MAPS, "change": ("no shadows",), "leaf_size": (0.05,)}),
+            *arguments({**_MAPS, "change": ("no shadows", "one fit"), "leaf_size": (0.05,)}),
         ],
     ),
 }

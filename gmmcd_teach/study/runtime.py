@@ -116,9 +116,12 @@ def growth(x: ArrayLike, y: ArrayLike, level: float = 0.95) -> Interval:
     a, b = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if a.shape != b.shape or a.ndim != 1 or len(a) < 3 or not (np.all(a > 0) and np.all(b > 0)):
         raise CloudError(f"x, y: shapes {a.shape} and {b.shape}; expected at least three numbers above 0 in each")
-    line = stats.linregress(np.log(a), np.log(b))
-    half = float(stats.t.ppf((1 + level) / 2, len(a) - 2) * line.stderr)
-    return Interval(float(line.slope), float(line.slope) - half, float(line.slope) + half, len(a))
+    u, v = (np.log(values) - np.log(values).mean() for values in (a, b))
+    slope = float(u @ v / (u @ u))
+    left_over = v - slope * u
+    error = np.sqrt(left_over @ left_over / (len(a) - 2) / (u @ u))
+    half = float(stats.t.ppf((1 + level) / 2, len(a) - 2) * error)
+    return Interval(slope, slope - half, slope + half, len(a))
 
 
 def pareto_front(cost: ArrayLike, value: ArrayLike) -> NDArray[np.bool_]:

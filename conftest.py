@@ -11,6 +11,7 @@ ROOT = Path(__file__).parent
 if (ROOT.parent / "shared" / "real").is_dir():
     os.environ.setdefault("GMMCD_TEACH_DATA", str(ROOT.parent / "shared" / "real"))
 os.environ.setdefault("TQDM_DISABLE", "1")
+os.environ.setdefault("PYTHONWARNINGS", "ignore:invalid escape sequence")  # in docstrings of POT, when first compiled
 for library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 

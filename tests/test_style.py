@@ -1,4 +1,4 @@
-"""Ruff on code and notebooks, and mypy on the package."""
+"""Ruff on code and notebooks, mypy on the package, codespell on every word."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
     [
         ["ruff", "check"],
         ["ruff", "format", "--check"],
+        ["codespell_lib", "README.md", "CONTRIBUTING.md", "CHANGELOG.md", "book", "notebooks", "gmmcd_teach", "tests"],
         pytest.param(["mypy"], marks=pytest.mark.slow),
     ],
     ids=" ".join,

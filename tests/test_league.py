@@ -138,7 +138,7 @@ def test_carrying_back_undoes(pair: ScenePair) -> None:
 
 
 def test_alignment_comes_first_where_asked() -> None:
-    off = {"shift": 0.06, "turn": 2.0}
+    off = {"shift": 0.1, "turn": 5.0}
     f1 = {}
     for aligned in (False, True):
         rows = pd.DataFrame(robustness_runs("c2c", "cargo_bag", 0, aligned=aligned, **off))

@@ -349,4 +349,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    from gmmcd_teach.beyond.league import main as of_the_package  # whose rows are kept, as those of __main__ are not
+
+    of_the_package()

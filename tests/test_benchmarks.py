@@ -6,9 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 
 
+@pytest.mark.slow
 def test_each_benchmark_prints_its_ratio_beside_its_target() -> None:
     command = [sys.executable, "-m", "tests.benchmarks", "--quick"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
@@ -19,6 +22,7 @@ def test_each_benchmark_prints_its_ratio_beside_its_target() -> None:
         assert "target: at " in part or "Open3D is not installed" in part
 
 
+@pytest.mark.slow
 def test_a_benchmark_is_called_by_its_number() -> None:
     command = [sys.executable, "-m", "tests.benchmarks", "7"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

@@ -240,11 +240,13 @@ def point_scores(pair: ScenePair, *, swap: bool = False, **options: object) -> t
     return confusion(found.appeared, come).f1, confusion(found.disappeared, gone).f1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["cargo_bag", "astrobee", "mixed_frame", "moved", "touching"])
 def test_recommended_on_single_frames(scene: str) -> None:
     assert min(point_scores(simulate_pair(scene, 0))) >= 0.96
 
 
+@pytest.mark.slow
 def test_recommended_finds_what_stands_in_the_place_of_another() -> None:
     assert min(point_scores(simulate_pair("replaced", 0))) >= 0.85  # what the old thing hid is told by its seams alone
 

@@ -137,6 +137,7 @@ def write_notebook(path: Path, *sources: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_notebook_runs_in_an_empty_folder_and_is_measured(tmp_path: Path) -> None:
     from execution import run_notebook
 
@@ -148,6 +149,7 @@ def test_a_notebook_runs_in_an_empty_folder_and_is_measured(tmp_path: Path) -> N
     assert 20 < result["megabytes"] < 2000
 
 
+@pytest.mark.slow
 def test_a_notebook_runs_without_the_network(tmp_path: Path) -> None:
     from execution import run_notebook
 
@@ -157,6 +159,7 @@ def test_a_notebook_runs_without_the_network(tmp_path: Path) -> None:
     assert ["the network is cut off" in words for words in says] == [True, True, False]  # itself it may call
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["1 / 0", "import time; time.sleep(60)"])
 def test_a_cell_that_fails_or_hangs_fails_the_build(tmp_path: Path, source: str) -> None:
     from execution import run_notebook

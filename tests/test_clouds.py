@@ -598,6 +598,7 @@ def try_mutants(folder: Path, seed: int, n_cases: int) -> Counter:
     return outcomes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_mutants_are_read_or_refused(tmp_path, seed):
     outcomes = try_mutants(tmp_path, seed, 1500)

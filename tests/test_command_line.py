@@ -71,6 +71,7 @@ def test_a_new_box_is_found_listed_and_written(scans, capsys):
     assert not [path for path in out.parent.iterdir() if path.name.startswith(".")]
 
 
+@pytest.mark.slow
 def test_the_table_names_method_place_size_and_confidence(scans, capsys):
     assert run(scans) == 0
     first, heads, row = capsys.readouterr().out.splitlines()
@@ -90,11 +91,13 @@ def test_a_long_list_is_cut_short_in_the_table():
     assert lines[-1] == "and 3 smaller groups that appeared: see report.json"
 
 
+@pytest.mark.slow
 def test_an_option_that_a_method_does_not_use_is_said(scans, capsys):
     assert run(scans, "--method", "c2c") == 0
     assert "warning: c2c does not thin the scans: --leaf 0.001 is not used" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_progress_goes_to_stderr_and_the_table_alone_to_stdout(scans, capsys):
     assert main(command(scans)) == 0
     captured = capsys.readouterr()
@@ -102,6 +105,7 @@ def test_progress_goes_to_stderr_and_the_table_alone_to_stdout(scans, capsys):
     assert "detecting" not in captured.out
 
 
+@pytest.mark.slow
 def test_the_page_stands_alone_with_switch_list_and_still(scans, capsys):
     assert run(scans, "--unit", "cm", "--leaf", "0.00001") == 0
     page = (scans[2] / "report.html").read_text()
@@ -115,6 +119,7 @@ def test_the_page_stands_alone_with_switch_list_and_still(scans, capsys):
         assert picture.width > 900
 
 
+@pytest.mark.slow
 def test_results_of_another_run_are_replaced_and_other_files_stay(scans):
     before, after, out = scans
     out.mkdir()
@@ -139,6 +144,7 @@ def test_every_method_runs(tmp_path, method, capsys):
     assert report["after"]["points"] == len(thin[1])
 
 
+@pytest.mark.slow
 def test_depth_images_tell_where_they_were_taken_from(tmp_path, capsys):
     pair = simulate_pair("cargo_bag", seed=1)
     for name, (frame,) in (("a", pair.before_frames), ("b", pair.after_frames)):
@@ -189,6 +195,7 @@ def walls(n, rng):
     return points
 
 
+@pytest.mark.slow
 def test_an_unlikely_offset_is_warned_of_and_align_mends_it(tmp_path, capsys):
     rng = np.random.default_rng(1)
     fixed = walls(20_000, rng)
@@ -204,17 +211,20 @@ def test_an_unlikely_offset_is_warned_of_and_align_mends_it(tmp_path, capsys):
     np.testing.assert_allclose(np.array(report["alignment"])[:3, 3], [-0.15, -0.12, 0.18], atol=0.005)
 
 
+@pytest.mark.slow
 def test_warnings_stay_when_progress_is_quiet(scans, capsys):
     assert run(scans, "--unit", "mm", "--leaf", "0.000001") == 0
     assert "warning: before:" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["cargo_bag", "mixed_frame", "unchanged"])
 def test_simulated_pairs_raise_no_doubt(scene):
     pair = simulate_pair(scene, seed=2)
     assert doubts(pair.before, pair.after) == []
 
 
+@pytest.mark.slow
 @real
 @pytest.mark.parametrize("name", TABLETOP_PAIRS)
 def test_real_pairs_raise_no_doubt(name):
@@ -315,6 +325,7 @@ def test_ten_million_points_are_read_and_thinned_within_eight_gigabytes(tmp_path
 MODULE = [sys.executable, "-m", "gmmcd_teach"]
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize("size", [2_000, 300_000], ids="limit {} bytes".format)
 def test_files_that_cannot_be_written_to_their_end(scans, size):
@@ -333,6 +344,7 @@ def test_files_that_cannot_be_written_to_their_end(scans, size):
     assert not [path for path in scans[2].parent.iterdir() if path.name.startswith(".")]
 
 
+@pytest.mark.slow
 @posix
 def test_ctrl_c_in_the_middle(tmp_path):
     rng = np.random.default_rng(0)
@@ -355,6 +367,7 @@ def test_ctrl_c_in_the_middle(tmp_path):
     assert sorted(os.listdir(tmp_path)) == ["after.npy", "before.npy"]
 
 
+@pytest.mark.slow
 def test_the_console_command_is_installed():
     script = Path(sys.executable).with_name("gmmcd-teach")
     if not script.exists():
@@ -415,6 +428,7 @@ def test_regions_of_hardly_any_points():
         find_regions(np.zeros((2, 3)), reach=0)
 
 
+@pytest.mark.slow
 def test_confidence_is_low_on_what_stayed_and_high_on_what_came():
     pair = simulate_pair("mixed_frame", seed=1)
     eye = pair.before_frames[0].pose[:3, 3]

@@ -138,6 +138,7 @@ def test_an_unknown_meaning_is_refused_with_those_allowed(name):
         color_of(name)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("module", "absent"),
     [
@@ -297,6 +298,7 @@ def test_extraction_scores_and_confusion_show_the_numbers_given():
 # --- still pictures and players ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_small_png_keeps_the_colours_that_mean_something():
     figure, ax = plt.subplots()
     plot_clouds(random_cloud(3000), values=np.arange(3000), ax=ax)
@@ -361,6 +363,7 @@ def test_players_on_one_page_are_kept_apart():
     assert ids(first)[0] not in second
 
 
+@pytest.mark.slow
 def test_a_player_takes_figures_too_and_several_axes():
     figures = [plot_extraction([1.0, 1.0 / (i + 1)]).figure for i in range(3)]
     assert len(player(figures, alt="Falling.").frames) == 3
@@ -480,6 +483,7 @@ def scene(cloud):
     )
 
 
+@pytest.mark.slow
 def test_a_view_is_a_lazy_frame_with_words_and_a_still_picture(scene):
     html = scene._repr_html_()
     assert html.count("<iframe") == 1
@@ -542,6 +546,7 @@ def test_the_same_view_is_the_same_page(cloud):
     assert len(pages) == 1
 
 
+@pytest.mark.slow
 def test_a_page_stays_light(mixture):
     big = view([Points(random_cloud(300_000), groups=np.arange(300_000)), Ellipsoids(mixture)], alt="Many points.")
     assert len(big.page) < 1_800_000
@@ -555,6 +560,7 @@ def test_few_changed_points_survive_the_thinning():
     assert [len(mesh.vertices) for mesh in crowd.panels[""]] == [900, 100]
 
 
+@pytest.mark.slow
 def test_making_a_page_is_silent_needs_no_network_and_leaves_the_process_as_it_was():
     code = """
 import os, socket, threading
@@ -665,6 +671,7 @@ def test_a_view_without_a_viewer_is_reported(tmp_path):
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
 @pytest.mark.parametrize("shared", [False, True], ids=["alone", "viewer shared"])
 def test_the_scene_comes_to_life_from_a_file(scene, tmp_path, shared):

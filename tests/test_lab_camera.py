@@ -32,6 +32,7 @@ def wall(depth: float, angle: float) -> Scene:
     return Scene((Thing("wall", (front,), pose),))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["cargo_bag", "three_objects"])
 def test_a_perfect_frame_lies_on_the_surfaces(scene: str) -> None:
     world, camera = scene_worlds(scene)[1], DepthCamera.perfect()

@@ -47,6 +47,7 @@ def check_pair(pair: ScenePair) -> None:
             assert (objects == number).any() == (name in world.names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", FRAMES)
 def test_single_frames_carry_truth_for_every_point(scene: str) -> None:
     pair = pair_of(scene)
@@ -127,6 +128,7 @@ def test_without_errors_clouds_lie_on_the_surfaces_and_the_object_is_the_one_tha
     assert (met[kept] != pair.appeared).mean() < 1e-3  # where the carriage stands on the table both are as near
 
 
+@pytest.mark.slow
 def test_the_pose_error_is_rigid_and_can_be_switched_off() -> None:
     wrong, right = pair_of("cargo_bag", 0), pair_of("cargo_bag", 0, True, False)
     np.testing.assert_array_equal(wrong.after_frames[0].depth, right.after_frames[0].depth)
@@ -147,6 +149,7 @@ def test_numbers_of_objects_are_those_of_the_nearest_solid() -> None:
     assert set(expected) == {0, 1, 2}
 
 
+@pytest.mark.slow
 def test_hidden_is_what_no_free_line_of_sight_reaches() -> None:
     world, camera = scene_worlds("three_objects")[1], DepthCamera.perfect()
     poses = survey_path()[4::5]

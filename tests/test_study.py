@@ -200,6 +200,7 @@ def test_a_pair_as_an_argument_is_shown_by_its_name(pair):
     ]
 
 
+@pytest.mark.slow
 def test_processes_give_the_same_table():
     grid = {"scene": ["cargo_bag"], "seed": [0, 1], "leaf_size": [0.1], "max_components": [4]}
     alone = run(metric_runs, grid, keep=False)
@@ -304,6 +305,7 @@ def test_scans_of_older_sources_are_dropped(tmp_path):
 # ---- tables ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_metric_table_averages_what_had_something_to_find():
     runs = run(metric_runs, {"scene": ["cargo_bag", "astrobee"], "seed": [0, 1], "starts": [2], **FEW})
     table = metric_table(runs).set_index(["direction", "metric"])

@@ -85,6 +85,7 @@ def test_registry_says_what_the_manifest_says():
         assert list(pair.added) == [item["label"] for item in facts["added"]]
 
 
+@pytest.mark.slow
 @needs_pairs
 @needs_manifest
 @pytest.mark.parametrize("name", TABLETOP_PAIRS)
@@ -207,6 +208,7 @@ def test_other_content_is_refused(nowhere):
         tabletop_pair("tea_box_moved_front_to_back", nowhere)
 
 
+@pytest.mark.slow
 def test_fetching_says_nothing_on_stderr(served, nowhere):
     """What a chapter prints there fails the book; a fresh process, for pooch keeps the first stderr that it saw."""
     code = (

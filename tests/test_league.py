@@ -11,19 +11,16 @@ from scipy.spatial.transform import Rotation
 
 from gmmcd_teach import METHODS, Detection, confusion, detect_changes, simulate_pair
 from gmmcd_teach.beyond import align
+from gmmcd_teach.beyond.disturbance import carried, disturbed, rigid_motion, robustness_runs
 from gmmcd_teach.beyond.league import (
     OPTIONS,
     STATIC,
     answer,
-    carried,
     complaints,
-    disturbed,
     entries,
     league_runs,
     main,
     payload,
-    rigid_motion,
-    robustness_runs,
     sensors,
 )
 from gmmcd_teach.lab import ScenePair

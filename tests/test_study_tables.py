@@ -462,6 +462,7 @@ def test_the_page_says_what_the_tables_say(page):
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for text in texts if text.startswith("| Claim")
             for line in text.splitlines()[2:]]  # fmt: skip
     assert len(rows) == len(CLAIMS)
+    rows = [[cell.replace("\\", "").replace("\u00a0", " ") for cell in row] for row in rows]
     shown = {row[0].split("<br>")[0] + row[0].split("<br>")[1]: row for row in rows}
     for claim in book.itertuples():
         cells = shown[f"{claim.says}paper: {claim.paper}"]

@@ -74,7 +74,7 @@ RULES = {
     "most": Rule(
         "reproduced if it happens in more than half of our runs: the interval of the share is above 0.5", _above
     ),
-    "above": Rule("reproduced if our interval lies above the value given", _above),
+    "above": Rule("reproduced if our interval lies above 0; EM's share: above 0.5; fragments: above 1", _above),
     "seconds": Rule("never comparable: seconds of another computer, on other clouds", lambda value, ours: None),
     "open": Rule("not comparable: the paper names it, and gives no value", lambda value, ours: None),
 }

@@ -19,8 +19,16 @@ from gmmcd_teach.study.tables import PUBLISHED_METRICS
 Tables = Mapping[str, pd.DataFrame]
 Measure = Callable[[Tables], Interval]
 SHARE = (0.0, 1.0)
-WORDS = {"percent": "10 %", "range": "20 to 23", "linear": "about 1", "similar": "about 0", "most": "every case",
-         "open": "no value"}  # fmt: skip
+WORDS = {
+    "percent": "10 %",
+    "range": "20 to 23",
+    "linear": "about 1",
+    "similar": "about 0",
+    "most": "in every case",
+    "above": "says so",
+    "open": "no value",
+}
+"""What the paper says, for rules whose claims have no number of their own."""
 
 
 def ledger(tables: Tables) -> pd.DataFrame:
@@ -74,8 +82,8 @@ def printed(claim: Claim) -> str:
     >>> printed(CLAIMS[0])
     '0.044'
     """
-    if claim.rule in ("value", "seconds", "above"):
-        return f"above {claim.value:g}" if claim.rule == "above" else f"{claim.value:.3f}"
+    if claim.rule in ("value", "seconds"):
+        return f"{claim.value:.3f}"
     return WORDS[claim.rule]
 
 

@@ -163,7 +163,7 @@ def _voxels(tables: Tables) -> str:
 
 def _pca_time(tables: Tables) -> str:
     means = [_points(tables[name])["cpu"].mean() for name in ("frames", "plane")]
-    return f"{means[0]:.2f} s without and {means[1]:.2f} s with PCA: a step is cheaper, but EM takes more of them."
+    return f"{means[0]:.2f} s without and {means[1]:.2f} s with PCA; chapter 12 counts the steps that EM takes."
 
 
 def _mixed(tables: Tables) -> str:

@@ -15,15 +15,9 @@ from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 from sphinx.ext import autosummary
 from sphinx.util.docutils import SphinxDirective, SphinxRole
-from srcroot import ROOT
+from srcroot import ROOT, chapters
 
 QUESTION = re.compile(r"^\*([^*].*?)\*$", re.MULTILINE)
-
-
-def chapters(found_docs: set[str]) -> dict[int, str]:
-    """Number of each chapter in the book and its document; appendices, `notebooks/B_...`, have none."""
-    found = ((re.match(r"notebooks/(\d\d)_", doc), doc) for doc in sorted(found_docs))
-    return {int(number[1]): doc for number, doc in found if number}
 
 
 class FromMyst(SphinxDirective):
@@ -41,7 +35,7 @@ class ChapterMap(FromMyst):
 
     def run(self) -> list[nodes.Node]:
         costs = getattr(self.env, "notebook_costs", {})
-        rows = ["|   | Chapter | The question | Time | Memory |", "|--:|:--|:--|--:|--:|"]
+        rows = ["| No. | Chapter | The question | Time | Memory |", "|--:|:--|:--|--:|--:|"]
         where = chapters(self.env.found_docs)
         for number, doc in where.items():
             opening = nbformat.read(ROOT / f"{doc}.ipynb", as_version=4).cells[0].source

@@ -7,6 +7,7 @@ commands end up here, before Sphinx looks for documents: sources are then read f
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -19,6 +20,12 @@ ROOT = Path(__file__).resolve().parents[2]
 def chapters_wanted() -> list[str]:
     """Chapters named in $BOOK_ONLY ("04 09"), for a quick look at a draft; empty for the whole book."""
     return os.environ.get("BOOK_ONLY", "").replace(",", " ").split()
+
+
+def chapters(found_docs: set[str]) -> dict[int, str]:
+    """Number of each chapter in the book and its document; appendices, `notebooks/B_...`, have none."""
+    found = ((re.match(r"notebooks/(\d\d)_", doc), doc) for doc in sorted(found_docs))
+    return {int(number[1]): doc for number, doc in found if number}
 
 
 def read_all_again(app: Sphinx, error: Exception | None) -> None:

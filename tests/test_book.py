@@ -391,6 +391,16 @@ def test_no_page_shuts_readers_out(texts: dict[str, str], browser: list[str], tm
 
 @book
 @pytest.mark.slow
+def test_the_search_finds_the_terms_of_the_glossary(texts: dict[str, str]) -> None:
+    script = (HTML / "searchindex.js").read_text(encoding="utf8")
+    index = json.loads(script[script.index("(") + 1 : script.rindex(")")])
+    terms = re.findall(r'<dt id="term-[^"]*">(.*?)<a class="headerlink"', texts["book/glossary.html"])
+    assert len(terms) > 50
+    assert {term.lower().replace("’", "'") for term in terms} <= set(index["indexentries"])
+
+
+@book
+@pytest.mark.slow
 def test_one_search_box_and_no_live_code(texts: dict[str, str]) -> None:
     for name, text in texts.items():
         if name.startswith(("book/", "notebooks/")):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -340,6 +341,39 @@ def test_what_is_left_out_and_what_has_stayed():
     points = np.linspace(-3, 8, 9)[:, None]
     both = np.log((30 * np.exp(p.log_density(points)) + 10 * np.exp(q.log_density(points))) / 40)
     np.testing.assert_allclose(joined(p, 30, q, 10).log_density(points), both)
+
+
+CLUSTER = """
+import os
+import joblib
+import pandas as pd
+from dask.distributed import Client, LocalCluster
+from gmmcd_teach.study import explained_runs, run, runtime_runs, sweep_runs
+
+CLOCKS = ["cpu", "em_share", "load", "pca", "em", "emd", "total"]
+FUNCTIONS = {sweep_runs: {}, runtime_runs: {}, explained_runs: {"change": ["no shadows", "one fit"]}}
+
+if __name__ == "__main__":
+    grid = {"scene": ["cargo_bag"], "seed": [0, 1], "leaf_size": [0.1], "max_components": [4]}
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+        assert len(set(client.run(os.getpid).values()) - {os.getpid()}) == 2
+        for function, more in FUNCTIONS.items():
+            here = run(function, grid | more, keep=False)
+            with joblib.parallel_config(backend="dask"):
+                there = run(function, grid | more, keep=False)
+            pd.testing.assert_frame_equal(*(t.drop(columns=CLOCKS, errors="ignore") for t in (here, there)))
+            print(function.__name__)
+"""
+
+
+@pytest.mark.slow
+def test_the_sweeps_run_on_a_dask_cluster_of_two_workers(tmp_path):
+    pytest.importorskip("distributed")
+    (tmp_path / "sweep.py").write_text(CLUSTER)
+    done = subprocess.run(
+        [sys.executable, "sweep.py"], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.stdout.split() == ["sweep_runs", "runtime_runs", "explained_runs"], done.stderr[-3000:]
 
 
 # ---- the ledger --------------------------------------------------------------------------------------------------

@@ -31,7 +31,7 @@ OPTIONS: dict[str, Row] = {
     "greedy": {"leaf_size": 0.02},
     "shared": {"alignment_error": 0.02},
     "c2c": {"alignment_error": 0.02},
-    "m3c2": {"alignment_error": 0.02, "leaf_size": 0.04, "cylinder_radius": 0.045, "max_depth": 0.045},
+    "m3c2": {"alignment_error": 0.02, "leaf_size": 0.05, "cylinder_radius": 0.045, "max_depth": 0.045},
     "occupancy": {"alignment_error": 0.02},
 }
 """What a method is told on every pair besides its defaults; metres. All that ask are told the same misalignment, about

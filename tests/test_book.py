@@ -17,6 +17,7 @@ from urllib.parse import unquote, urlsplit
 
 import nbformat
 import pytest
+from sphinx.search.en import SearchEnglish
 
 ROOT = Path(__file__).resolve().parents[1]
 HTML = ROOT / "_build" / "html"
@@ -397,7 +398,10 @@ def test_the_search_finds_the_terms_of_the_glossary(texts: dict[str, str]) -> No
     index = json.loads(script[script.index("(") + 1 : script.rindex(")")])
     terms = re.findall(r'<dt id="term-[^"]*">(.*?)<a class="headerlink"', texts["book/glossary.html"])
     assert len(terms) > 50
-    assert {term.lower().replace("’", "'") for term in terms} <= set(index["indexentries"])
+    english = SearchEnglish({})
+    words = {word.lower() for term in terms for word in english.split(term)}
+    sought = {english.stem(word) for word in words if english.word_filter(word)}
+    assert sought <= index["terms"].keys()
 
 
 @book

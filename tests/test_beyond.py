@@ -301,6 +301,7 @@ def test_recommended_on_the_table() -> None:
     assert (scores.mean(axis=0) >= 0.98).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_misaligned_scans_are_as_good_once_aligned(seed: int) -> None:
     pair = simulate_pair("mixed_frame", seed)

@@ -57,6 +57,7 @@ def one_line(error):
 # --- what it finds -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_new_box_is_found_listed_and_written(scans, capsys):
     assert run(scans, "--json") == 0
     out = scans[2]

@@ -60,6 +60,7 @@ def test_the_field_of_view_is_that_of_the_sensor() -> None:
     assert (width, height) == (pytest.approx(61.5, abs=0.5), pytest.approx(49.3, abs=0.5))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [0.5, 1.0, 2.0, 3.5])
 @pytest.mark.parametrize("angle", [0, 30, 60])
 def test_noise_follows_the_stated_law(depth: float, angle: float) -> None:

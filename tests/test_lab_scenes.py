@@ -56,6 +56,7 @@ def test_single_frames_carry_truth_for_every_point(scene: str) -> None:
     assert min(len(pair.before), len(pair.after)) > 30_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", FRAMES)
 def test_every_frame_point_is_one_of_its_frame(scene: str) -> None:
     pair = pair_of(scene)

@@ -34,6 +34,7 @@ def pair() -> ScenePair:
     return simulate_pair("mixed_frame", 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_rows_score_what_the_method_answers(method: str) -> None:
     rows = pd.DataFrame(league_runs(method, "mixed_frame", 3))
@@ -44,6 +45,7 @@ def test_rows_score_what_the_method_answers(method: str) -> None:
     assert rows.f1.between(0, 1).all()
 
 
+@pytest.mark.slow
 def test_a_point_row_is_a_plain_count(pair: ScenePair) -> None:
     found = detect_changes(pair.before, pair.after, method="c2c", **OPTIONS["c2c"])
     row = next(row for row in answer("c2c", pair) if (row["direction"], row["level"]) == ("appeared", "point"))
@@ -72,6 +74,7 @@ def test_bytes_are_those_of_the_arrays(pair: ScenePair) -> None:
     assert weights["frames"] == pair.after_frames[0].depth.astype(np.float16).nbytes + 64
 
 
+@pytest.mark.slow
 def test_sensors_are_told_to_those_that_ask(pair: ScenePair) -> None:
     assert set(sensors(pair)) == {"before_frames", "after_frames"}
     with_sensor = pd.DataFrame(answer("recommended", pair))
@@ -134,6 +137,7 @@ def test_carrying_back_undoes(pair: ScenePair) -> None:
     np.testing.assert_allclose(back.after, pair.after, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_alignment_comes_first_where_asked() -> None:
     off = {"shift": 0.1, "turn": 5.0}
     f1 = {}

@@ -207,6 +207,7 @@ def test_processes_give_the_same_table():
     pd.testing.assert_frame_equal(run(metric_runs, grid, n_jobs=2, keep=False), alone)
 
 
+@pytest.mark.slow
 def test_what_was_run_once_is_read_the_second_time(tmp_path, monkeypatch):
     calls = []
     monkeypatch.setattr(

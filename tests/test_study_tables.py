@@ -79,6 +79,7 @@ def _own_cache(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pyte
 # ---- what rows depend on -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["greedy", "shared", "recommended", "c2c", "m3c2", "occupancy"])
 def test_every_line_that_makes_a_row_is_in_the_fingerprint(method):
     met = set()
@@ -146,6 +147,7 @@ def test_only_a_change_in_what_is_imported_runs_again(tmp_path, monkeypatch):
     assert seen[0] == seen[1] != seen[2]
 
 
+@pytest.mark.slow
 def test_rows_are_kept_by_the_module_of_the_function(tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(study_runs, "fingerprint", lambda part="": asked.append(part) or "same")
@@ -244,6 +246,7 @@ def test_the_published_run_times_are_those_of_the_paper(shared):
         assert [float(x) for x in re.findall(r"\d+\.\d{3}", line)] == row.tolist()
 
 
+@pytest.mark.slow
 def test_timed_steps_are_those_of_the_detector():
     row = runtime_runs("cargo_bag", 1, 6, leaf_size=0.1, n_principal_axes=None)
     pair = scan("cargo_bag", 1)
@@ -258,6 +261,7 @@ def test_timed_steps_are_those_of_the_detector():
 # ---- one detection from every side -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_rows_of_the_sweep_are_those_of_score():
     options = {"leaf_size": 0.08, "max_components": 8}
     rows = {row["level"]: row for row in sweep_runs("cargo_bag", 1, **options)}
@@ -280,6 +284,7 @@ def test_rows_of_the_sweep_are_those_of_score():
         scored_rows(Detection(pair.appeared, pair.disappeared), pair, (pair.before, pair.after))
 
 
+@pytest.mark.slow
 def test_rows_after_pca_are_counted_in_its_coordinates():
     options = {"leaf_size": 0.08, "max_components": 8, "n_principal_axes": 2}
     row = sweep_runs("cargo_bag", 1, **options)[0]
@@ -314,6 +319,7 @@ def test_the_edge_is_that_of_the_outline():
 COARSE = {"leaf_size": 0.1, "max_components": 8}
 
 
+@pytest.mark.slow
 def test_nothing_changed_is_the_sweep():
     changed, swept = explained_runs("cargo_bag", 1, **COARSE), sweep_runs("cargo_bag", 1, **COARSE)
     for a, b in zip(changed, swept, strict=True):

@@ -133,6 +133,7 @@ def test_hidden_is_what_the_other_scan_has_nearer_or_not_at_all():
     np.testing.assert_array_equal(pair.hidden_before, expected)
 
 
+@pytest.mark.slow
 @needs_pairs
 @pytest.mark.parametrize("name", TABLETOP_PAIRS)
 def test_noise_of_still_surface_stays_below_the_margin(name):

@@ -90,7 +90,7 @@ def panels_png(panels: Mapping[str, Points], camera: str | Camera = "oblique") -
 
     Examples
     --------
-    >>> panels_png({"before": Points([[0, 0, 0], [0, 0, 1]])})[:4]
+    >>> panels_png({"before": Points(np.random.default_rng(0).uniform(size=(500, 3)))})[:4]
     b'\\x89PNG'
     """
     from matplotlib.figure import Figure

@@ -32,7 +32,7 @@ GRIDS: dict[str, tuple[Callable[..., Any], list[Row]]] = {
         metric_runs,
         [
             *arguments({**_FRAMES, "leaf_size": (0.03,)}),
-            *arguments({**_MAPS, "starts": (3,), "leaf_size": (0.05,)}),
+            *arguments({**_MAPS, "starts": (5,), "leaf_size": (0.05,)}),
         ],
     ),
     "sweep": (sweep_runs, arguments({**_PLAIN, "scene": ("cargo_bag",), "max_components": SIZES})),
@@ -46,7 +46,7 @@ GRIDS: dict[str, tuple[Callable[..., Any], list[Row]]] = {
     "cleaned": (sweep_runs, arguments({**_PLAIN, "outlier_filter": (True,)})),
     "maps": (
         sweep_runs,
-        arguments({**_MAPS, "start": range(3), "leaf_size": (0.05,)}),
+        arguments({**_MAPS, "start": range(5), "leaf_size": (0.05,)}),
     ),
     "mixed": (metric_runs, arguments({"scene": ("mixed_frame",), "seed": range(5), "leaf_size": (LEAF,)})),
     "explained": (

@@ -64,7 +64,7 @@ class Stopwatch:
     def __call__(self, step: str) -> None:
         """Add the seconds since the last call to `step` and to the total."""
         now = perf_counter()
-        self.seconds[step] += now - self.last
+        self.seconds[step] = self.seconds.get(step, 0.0) + now - self.last
         self.seconds["total"] += now - self.last
         self.last = now
 

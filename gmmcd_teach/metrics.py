@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gmmcd_teach.clouds import CloudError
+from gmmcd_teach.clouds import CloudError, Floats
 from gmmcd_teach.mixture import GaussianMixture
 
 
@@ -107,9 +107,26 @@ def component_truth(
     owner = mixture.assign(points)
     if len(owner) != len(flags):
         raise CloudError(f"changed: {len(flags)} flags for {len(owner)} points; expected one each")
-    total = np.bincount(owner, minlength=mixture.n_components)  # (K,)
-    hits = np.bincount(owner[flags], minlength=mixture.n_components)
-    return hits > threshold * total
+    return changed_share(owner, flags, mixture.n_components) > threshold
+
+
+def changed_share(owner: NDArray[np.intp], changed: ArrayLike, n_components: int) -> Floats:
+    """(K,) share of each component's points that have changed, 0 for a component without points.
+
+    Parameters
+    ----------
+    owner : (N,) int, the component of each point, see `GaussianMixture.assign`.
+    changed : (N,) bool, the truth for each point.
+    n_components : K.
+
+    Examples
+    --------
+    >>> changed_share(np.array([0, 0, 2]), [True, False, True], 3)
+    array([0.5, 0. , 1. ])
+    """
+    total = np.bincount(owner, minlength=n_components)  # (K,)
+    hits = np.bincount(owner[np.asarray(changed)], minlength=n_components)
+    return np.asarray(hits / np.maximum(total, 1))
 
 
 def _flags(array: ArrayLike, name: str) -> NDArray[np.bool_]:

@@ -196,7 +196,6 @@ def detect_occupancy(
 
 def finished(appeared: Bools, disappeared: Bools, watch: Stopwatch, **found: Any) -> Detection:
     """The detection, with the time since the watch started filed under "compare"."""
-    watch.seconds["compare"] = 0.0
     watch("compare")
     return Detection(appeared, disappeared, seconds=watch.seconds, **found)
 

@@ -123,7 +123,6 @@ def detect_shared(
             changed &= past > np.maximum(met, SEEN_THROUGH * masses[mine])
     held = masses[0] * ~come, masses[1] * ~gone  # a stray patch or two of what the other cloud has alone is dropped
     sides = [GaussianMixture(mass / mass.sum(), mixture.means, mixture.covariances) for mass in held]
-    watch.seconds["compare"] = 0.0
     watch("compare")
     return Detection(
         come[sides[1].assign(clouds[1])],

@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
 from gmmcd_teach.clouds import Floats
-from gmmcd_teach.metrics import Confusion
+from gmmcd_teach.metrics import Confusion, changed_share
 
 Indices = NDArray[np.intp]
 
@@ -77,16 +77,3 @@ def merged_confusion(means: Floats, taken: ArrayLike, owner: Indices, changed: A
     real = merge_fragments(means, np.flatnonzero(truth), reach)
     fn = sum(not is_taken[group].any() for group in real)
     return Confusion(tp, len(claims) - tp, fn, int(np.count_nonzero(~truth & ~is_taken)))
-
-
-def changed_share(owner: Indices, changed: ArrayLike, n_components: int) -> Floats:
-    """(K,) share of each component's points that have changed, 0 for a component without points.
-
-    Examples
-    --------
-    >>> changed_share(np.array([0, 0, 2]), [True, False, True], 3)
-    array([0.5, 0. , 1. ])
-    """
-    total = np.bincount(owner, minlength=n_components)
-    hits = np.bincount(owner[np.asarray(changed)], minlength=n_components)
-    return np.asarray(hits / np.maximum(total, 1))

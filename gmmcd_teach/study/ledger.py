@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
@@ -14,9 +14,8 @@ from gmmcd_teach.study.grids import LEAVES, SIZES
 from gmmcd_teach.study.intervals import Interval, mean_interval
 from gmmcd_teach.study.reasons import reason
 from gmmcd_teach.study.runtime import PUBLISHED_RUNTIME, growth
-from gmmcd_teach.study.tables import PUBLISHED_METRICS
+from gmmcd_teach.study.tables import PUBLISHED_METRICS, Tables, appeared, at
 
-Tables = Mapping[str, pd.DataFrame]
 Measure = Callable[[Tables], Interval]
 SHARE = (0.0, 1.0)
 WORDS = {
@@ -87,20 +86,6 @@ def printed(claim: Claim) -> str:
     return WORDS[claim.rule]
 
 
-def at(table: pd.DataFrame, level: str = "point", **where: object) -> pd.DataFrame:
-    """The rows of a level, and of given values in other columns.
-
-    Examples
-    --------
-    >>> at(pd.DataFrame({"level": ["point", "object"], "f1": [0.2, 0.4]}), "object")["f1"].tolist()
-    [0.4]
-    """
-    rows = table[table["level"] == level]
-    for column, value in where.items():
-        rows = rows[rows[column] == value]
-    return rows
-
-
 def welch(a: ArrayLike, b: ArrayLike, level: float = 0.95) -> Interval:
     """Difference of the means of two independent groups, with Welch's interval; NaN is left out.
 
@@ -116,12 +101,6 @@ def welch(a: ArrayLike, b: ArrayLike, level: float = 0.95) -> Interval:
     freedom = (p + q) ** 2 / (p**2 / (len(x) - 1) + q**2 / (len(y) - 1))
     half = float(stats.t.ppf((1 + level) / 2, freedom) * np.sqrt(p + q))
     return Interval(mean, mean - half, mean + half, len(x) + len(y))
-
-
-def appeared(tables: Tables, metric: str, objects: str) -> pd.Series[float]:
-    """The metric of each run on scenes of so many objects, counted on components as the paper does."""
-    rows = at(tables["metrics"], "component", order="forward", direction="appeared", objects=objects)
-    return rows[metric]
 
 
 def _best(metric: str, winner: str) -> Measure:

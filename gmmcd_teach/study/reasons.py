@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
@@ -10,8 +10,7 @@ import pandas as pd
 from gmmcd_teach.study.claims import Claim
 from gmmcd_teach.study.explain import CHANGES
 from gmmcd_teach.study.intervals import Interval
-
-Tables = Mapping[str, pd.DataFrame]
+from gmmcd_teach.study.tables import PUBLISHED_METRICS, Tables, appeared, at
 
 
 def reason(claim: Claim, ours: Interval, tables: Tables) -> str:
@@ -61,10 +60,6 @@ def explained(tables: Tables, metric: str, scenes: tuple[str, ...], level: str =
     return rows[rows["seed"].isin(seeds)].groupby("change", sort=False)[metric].mean()
 
 
-def _points(table: pd.DataFrame) -> pd.DataFrame:
-    return table[table["level"] == "point"]
-
-
 def _work(tables: Tables) -> str:
     times = tables["times"].set_index("max_components")
     times = times.loc[[times.index.min(), times.index.max()], ["n_steps", "updates"]]
@@ -79,24 +74,21 @@ def _em(tables: Tables) -> str:
 
 def _winner(metric: str) -> Callable[[Tables], str]:
     def why(tables: Tables) -> str:
-        rows = tables["metrics"]
-        rows = rows[(rows["level"] == "component") & (rows["order"] == "forward") & (rows["direction"] == "appeared")]
-        means = rows.groupby("objects")[metric].mean()
-        return "Ours: " + ", ".join(f"{name} {means[name]:.2f}" for name in ("one", "two", "three")) + "."
+        means = {name: appeared(tables, metric, name).mean() for name in PUBLISHED_METRICS.columns}
+        return "Ours: " + ", ".join(f"{name} {mean:.2f}" for name, mean in means.items()) + "."
 
     return why
 
 
 def _edges(tables: Tables) -> str:
-    rows = _points(tables["frames"])
+    rows = at(tables["frames"])
     shares = rows["edge_false"].mean(), rows["edge_all"].mean()
     return f"{shares[0]:.0%} of the false points lie within 20 cm of the outline, and {shares[1]:.0%} of all unchanged."
 
 
 def _found(table: str, scene: str) -> Callable[[Tables], str]:
     def why(tables: Tables) -> str:
-        rows = _points(tables[table])
-        rows = rows[rows["scene"] == scene]
+        rows = at(tables[table], scene=scene)
         names = sorted({name for cell in (*rows["found"], *rows["missed"]) for name in cell.split(", ") if name})
         parts = (f"{name} in {rows['found'].str.contains(name).sum()}" for name in names)
         return (
@@ -107,21 +99,20 @@ def _found(table: str, scene: str) -> Callable[[Tables], str]:
 
 
 def _frames(tables: Tables) -> str:
-    rows = _points(tables["frames"])
+    rows = at(tables["frames"])
     found = rows[rows["missed"] == ""].groupby("scene").size()
     runs = rows.groupby("scene").size()
     return "Found: " + ", ".join(f"{scene} in {found.get(scene, 0)} of {runs[scene]}" for scene in runs.index) + "."
 
 
 def _clean(tables: Tables) -> str:
-    rows = tables["frames"]
-    false = rows[rows["level"] == "object"]["fp"].mean()
+    false = at(tables["frames"], "object")["fp"].mean()
     bare = explained(tables, "fp", ("cargo_bag", "astrobee"), "object")["no shadows"]
     return f"{false:.1f} false regions a run; where neither scan has shadows, {bare:.1f}."
 
 
 def _stars(tables: Tables) -> str:
-    rows = _points(tables["frames"])
+    rows = at(tables["frames"])
     all_k = np.array([*rows["n_before"], *rows["n_after"]])
     share = ((all_k >= 20) & (all_k <= 23)).mean()
     return f"{share:.0%} of {len(all_k)} fits end there; all of them at {all_k.min()} to {all_k.max()}."
@@ -129,46 +120,47 @@ def _stars(tables: Tables) -> str:
 
 def _ks(column: str, words: str) -> Callable[[Tables], str]:
     def why(tables: Tables) -> str:
-        means = _points(tables["sweep"]).groupby("max_components")[column].mean()
+        means = at(tables["sweep"]).groupby("max_components")[column].mean()
         return f"{words}: " + ", ".join(f"{value:.2f} (K = {k})" for k, value in means.items()) + "."
 
     return why
 
 
 def _melts(tables: Tables) -> str:
-    rows = _points(tables["sweep"])
+    rows = at(tables["sweep"])
     missed = rows.assign(missed=rows["missed"] != "").groupby("max_components")["missed"].mean()
     return "Missed: " + ", ".join(f"{share:.0%} (K = {k})" for k, share in missed.items()) + "."
 
 
+def _beside_plain(tables: Tables, name: str) -> str:
+    """F1 on points of each scene, as it is and in another table."""
+    plain, other = (at(table).groupby("scene")["f1"].mean() for table in (tables["frames"], tables[name]))
+    return ", ".join(f"{scene} {plain[scene]:.2f} to {other[scene]:.2f}" for scene in plain.index)
+
+
 def _pca(tables: Tables) -> str:
-    means = {name: _points(tables[name]).groupby("scene")["f1"].mean() for name in ("frames", "plane")}
-    cells = (f"{scene} {means['frames'][scene]:.2f} to {means['plane'][scene]:.2f}" for scene in means["frames"].index)
-    return f"In a frame PCA drops the direction of view, along which objects stand out: F1 {', '.join(cells)}."
+    cells = _beside_plain(tables, "plane")
+    return f"In a frame PCA drops the direction of view, along which objects stand out: F1 {cells}."
 
 
 def _filter(tables: Tables) -> str:
-    means = {name: _points(tables[name]).groupby("scene")["f1"].mean() for name in ("frames", "cleaned")}
-    cells = (
-        f"{scene} {means['frames'][scene]:.2f} to {means['cleaned'][scene]:.2f}" for scene in means["frames"].index
-    )
-    return f"F1 without and with the filter: {', '.join(cells)}; what misleads the method are not outliers."
+    cells = _beside_plain(tables, "cleaned")
+    return f"F1 without and with the filter: {cells}; what misleads the method are not outliers."
 
 
 def _voxels(tables: Tables) -> str:
-    means = _points(tables["leaves"]).groupby("leaf_size")[["f1", "cpu"]].mean()
+    means = at(tables["leaves"]).groupby("leaf_size")[["f1", "cpu"]].mean()
     rows = zip(means.index, means["f1"], means["cpu"], strict=True)
     return "F1: " + ", ".join(f"{f1:.2f} in {cpu:.2f} s ({100 * leaf:.0f} cm)" for leaf, f1, cpu in rows) + "."
 
 
 def _pca_time(tables: Tables) -> str:
-    means = [_points(tables[name])["cpu"].mean() for name in ("frames", "plane")]
+    means = [at(tables[name])["cpu"].mean() for name in ("frames", "plane")]
     return f"{means[0]:.2f} s without and {means[1]:.2f} s with PCA; chapter 12 counts the steps that EM takes."
 
 
 def _mixed(tables: Tables) -> str:
-    rows = _points(tables["mixed"])
-    means = rows[rows["order"] == "forward"].groupby("direction")["f1"].mean()
+    means = at(tables["mixed"], order="forward").groupby("direction")["f1"].mean()
     return f"Appeared {means['appeared']:.2f}, disappeared {means['disappeared']:.2f}, asked for together."
 
 

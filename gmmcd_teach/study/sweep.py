@@ -13,9 +13,9 @@ from gmmcd_teach.clouds import Floats
 from gmmcd_teach.detection import Detection, prepare
 from gmmcd_teach.lab.pair import ScenePair
 from gmmcd_teach.methods import detect_changes
-from gmmcd_teach.metrics import confusion
+from gmmcd_teach.metrics import changed_share, confusion
 from gmmcd_teach.pca import principal_axes
-from gmmcd_teach.study.fragments import changed_share, merged_confusion
+from gmmcd_teach.study.fragments import merged_confusion
 from gmmcd_teach.study.scans import scan
 from gmmcd_teach.study.scores import Row, as_row, object_confusion
 from gmmcd_teach.study.tables import OVERLAP

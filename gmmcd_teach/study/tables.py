@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,9 @@ PUBLISHED_METRICS = pd.DataFrame(
 
 OBJECTS = {"cargo_bag": "one", "astrobee": "one", "two_objects": "two", "three_objects": "three"}
 """Scene -> column of the paper's table."""
+
+Tables = Mapping[str, pd.DataFrame]
+"""Name -> table of runs, see `measured`."""
 
 OVERLAP = 0.1
 """Share of changed points from which a component "overlaps" a change; the paper gives no number."""
@@ -103,6 +107,34 @@ def metric_table(runs: pd.DataFrame, level: str = "component") -> pd.DataFrame:
     printed = [known.get(o, {}).get(m, np.nan) if d == "appeared" else np.nan for o, d, m in keys]
     table.insert(3, "paper", printed)
     return table.assign(scans=table["objects"].map(scans))
+
+
+def at(table: pd.DataFrame, level: str = "point", **where: object) -> pd.DataFrame:
+    """The rows of a level, and of given values in other columns.
+
+    Examples
+    --------
+    >>> at(pd.DataFrame({"level": ["point", "object"], "f1": [0.2, 0.4]}), "object")["f1"].tolist()
+    [0.4]
+    """
+    rows = table[table["level"] == level]
+    for column, value in where.items():
+        rows = rows[rows[column] == value]
+    return rows
+
+
+def appeared(tables: Tables, metric: str, objects: str) -> pd.Series[float]:
+    """The metric of each run on scenes of so many objects, counted on components as the paper does.
+
+    Examples
+    --------
+    >>> labels = {"level": "component", "order": "forward", "direction": "appeared"}
+    >>> runs = pd.DataFrame([labels | {"objects": "one", "f1": 0.3}, labels | {"objects": "two", "f1": 0.4}])
+    >>> appeared({"metrics": runs}, "f1", "two").tolist()
+    [0.4]
+    """
+    rows = at(tables["metrics"], "component", order="forward", direction="appeared", objects=objects)
+    return rows[metric]
 
 
 def harmonic_bounds(precision: float, recall: float, rounding: float = 0.0) -> tuple[float, float]:

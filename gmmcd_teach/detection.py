@@ -112,7 +112,8 @@ def detect_greedy(
     >>> bool(detect_greedy(shelf, with_box, max_components=4, init="kmeans++").appeared[300:].all())
     True
     """
-    clouds = check_points(before, "before"), check_points(after, "after")
+    old_cloud = check_points(before, "before")
+    clouds = old_cloud, check_points(after, "after", dimensions=old_cloud.shape[1:])
     rng = np.random.default_rng(rng)
     watch = Stopwatch()
     filtered = [prepare(cloud, leaf_size, outlier_filter) for cloud in clouds]

@@ -51,9 +51,9 @@ def test_an_object_moved_over_a_shelf_is_seen_on_both_sides():
         {"leaf_size": 0.1},
         {"outlier_filter": True},
         {"outlier_filter": True, "leaf_size": 0.1},
-        {"n_principal_axes": 2},
+        {"n_principal_axes": 1},
+        {"n_principal_axes": 3},
         {"leaf_size": 0.1, "n_principal_axes": 2},
-        {"ground": "bures"},
         {"mass": "partial"},
         {"update": "componentwise"},
     ],
@@ -70,10 +70,10 @@ def test_the_same_as_its_parts_one_by_one(options):
         filtered = [voxel_downsample(s, options["leaf_size"]).centroids for s in filtered]
     if "n_principal_axes" in options:
         axes = principal_axes(np.vstack(filtered))
-        clouds, filtered = ([axes.project(s, 2) for s in pair] for pair in (clouds, filtered))
+        clouds, filtered = ([axes.project(s, options["n_principal_axes"]) for s in pair] for pair in (clouds, filtered))
     rng = np.random.default_rng(5)
     old, new = (fit_mixture(s, rng=rng, **fits).mixture for s in filtered)
-    greedy = {name: value for name, value in options.items() if name in ("ground", "mass")}
+    greedy = {name: value for name, value in options.items() if name == "mass"}
     appeared = extract_changes(old, new, **greedy).indices
     disappeared = extract_changes(new, old, **greedy).indices
     np.testing.assert_array_equal(detection.before_mixture.means, old.means)
@@ -84,6 +84,29 @@ def test_the_same_as_its_parts_one_by_one(options):
     np.testing.assert_array_equal(detection.disappeared, np.isin(old.assign(clouds[0]), disappeared))
     assert detection.appeared.any()
     assert detection.appeared.dtype == detection.disappeared.dtype == bool
+
+
+def test_the_ground_distance_holds_in_both_directions():
+    """A box becomes a pole, and a pole a box: their shapes count in Bures' distance alone."""
+    thing, tall = box(0, [0.0] * 3), [1.0, 1.0, 60.0]
+    one, other = np.array([0.3, 2.0, 0.0]), np.array([2.3, -2.0, 0.0])
+    before = np.vstack([shelf(0), one + thing, other + tall * thing])
+    after = np.vstack([shelf(1), one + tall * thing, other + thing])
+    means, bures = (detect_greedy(before, after, ground=ground, rng=8, **FAST) for ground in ("means", "bures"))
+    old, new = bures.before_mixture, bures.after_mixture
+    np.testing.assert_array_equal(bures.appeared_components, extract_changes(old, new, ground="bures").indices)
+    np.testing.assert_array_equal(bures.disappeared_components, extract_changes(new, old, ground="bures").indices)
+    assert set(bures.appeared_components) != set(means.appeared_components)
+    assert set(bures.disappeared_components) != set(means.disappeared_components)
+
+
+def test_25_components_and_seed_0_where_nothing_else_is_asked_for():
+    before, after = BEFORE[::10], AFTER[::10]
+    told, untold = (
+        detect_greedy(before, after, max_components=25, rng=0, max_iter=1),
+        detect_greedy(before, after, max_iter=1),
+    )
+    np.testing.assert_array_equal(untold.after_mixture.means, told.after_mixture.means)
 
 
 def test_the_answer_is_about_the_points_as_given():
@@ -119,12 +142,12 @@ def test_the_seconds_add_up():
 
 
 def test_a_stopwatch_adds_to_the_step_that_ended(monkeypatch):
-    times = iter([10.0, 11.0, 13.0, 16.0])
+    times = iter([10.0, 11.0, 13.0, 16.0, 20.0])
     monkeypatch.setattr("gmmcd_teach.detection.perf_counter", lambda: next(times))
     watch = Stopwatch()
-    for step in ("em", "emd", "em"):
+    for step in ("em", "emd", "em", "votes"):
         watch(step)
-    assert watch.seconds == {"filter": 0, "pca": 0, "em": 4, "emd": 2, "total": 6}
+    assert watch.seconds == {"filter": 0, "pca": 0, "em": 4, "emd": 2, "votes": 4, "total": 10}
 
 
 def test_progress_is_shown_when_asked_for(capsys, monkeypatch):
@@ -135,6 +158,8 @@ def test_progress_is_shown_when_asked_for(capsys, monkeypatch):
     shown = capsys.readouterr().err
     assert "EM" in shown
     assert "/12" in shown
+    assert "K=6" in shown
+    assert "K=4" in shown
 
 
 def test_nothing_is_changed_in_place():
@@ -149,7 +174,8 @@ def test_nothing_is_changed_in_place():
     [
         (BEFORE[:3], {}, CloudError, "points: 3 points; at least 6 needed"),
         (BEFORE, {"leaf_size": 100.0}, CloudError, "points: . points; at least 6 needed"),
-        (BEFORE[:, :2], {}, CloudError, "mixtures of 2 and 3 dimensions"),
+        (BEFORE[:, :2], {}, CloudError, r"after: shape \(700, 3\); expected \(N, D\) with D = 2"),
+        (BEFORE[:, :2], {"n_principal_axes": 2}, CloudError, r"after: shape \(700, 3\)"),
         (BEFORE * np.nan, {}, CloudError, "before: 700 of 700 points hold NaN"),
         (BEFORE, {"n_principal_axes": 0}, ValueError, "n_principal_axes = 0; expected 1 to 3, or None"),
         (BEFORE, {"n_principal_axes": 4}, ValueError, "n_principal_axes = 4; expected 1 to 3"),

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import ot
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import sqrtm
 from scipy.optimize import linear_sum_assignment
@@ -131,6 +131,8 @@ def test_partial_matching_is_no_metric():
 
 
 @given(SEEDS, st.floats(-9, 9), st.floats(-9, 9))
+@example(0, 0.0, -9.0)
+@example(1, 0.0, -9.0)
 @quick
 def test_units_of_distance_and_mass_do_not_matter(seed, distance, mass):
     p, q, cost = random_problem(seed, unequal=True)
@@ -245,7 +247,8 @@ def test_a_solver_that_gives_up_is_not_believed(monkeypatch):
     monkeypatch.setattr(ot, "emd", lambda *a, **k: (solved(*a, **k)[0], {"warning": "gave up", "u": np.zeros(2)}))
     with pytest.raises(RuntimeError, match="network simplex found no optimal flow: gave up"):
         emd(**ARGUMENTS)
-    failed = type("Failed", (), {"success": False, "x": None, "message": "infeasible"})
-    monkeypatch.setattr(sys.modules["gmmcd_teach.emd"], "linprog", lambda *a, **k: failed)
-    with pytest.raises(RuntimeError, match="linprog found no optimal flow: infeasible"):
-        emd(**ARGUMENTS, solver="linprog")
+    for best in (None, np.zeros(2)):
+        failed = type("Failed", (), {"success": False, "x": best, "message": "infeasible"})
+        monkeypatch.setattr(sys.modules["gmmcd_teach.emd"], "linprog", lambda *a, failed=failed, **k: failed)
+        with pytest.raises(RuntimeError, match="linprog found no optimal flow: infeasible"):
+            emd(**ARGUMENTS, solver="linprog")

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gmmcd_teach import CloudError, GaussianMixture, emd, extract_changes, mean_distances
-from gmmcd_teach.extraction import best_removal
+from gmmcd_teach.extraction import best_removal, removal_bounds
 
 SEEDS = st.integers(0, 2**32 - 1)
 POSITIONS = range(20)
@@ -203,6 +203,48 @@ def test_bounds_save_work_without_changing_the_answer(monkeypatch):
     every, same = best_removal(before.weights, after.weights, cost, here, "normalized")
     assert (best, there.distance) == (every, same.distance)
     assert bounded < 21 == len(calls) - bounded
+
+
+@pytest.mark.parametrize("scale", [1e-3, 0.1, 10.0])
+def test_bounds_and_choice_do_not_depend_on_what_the_weights_left_sum_to(scale):
+    """After a removal they sum to less than 1."""
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        before, after = random_mixture(rng, 6), random_mixture(rng, 8)
+        cost = mean_distances(before, after)
+        here = emd(before.weights, after.weights, cost)
+        best, there = best_removal(before.weights, after.weights, cost, here, "normalized")
+        same, scaled = best_removal(before.weights, scale * after.weights, cost, here, "normalized")
+        assert same == best
+        assert scaled.distance == pytest.approx(there.distance, rel=1e-12)
+
+
+@given(SEEDS)
+@quick
+def test_bounds_are_what_the_present_prices_ask_for_the_weights_left(seed):
+    """Weak duality spelled out: u.p + v.q for q without k, u and v as they were; exact where there is one source."""
+    rng = np.random.default_rng(seed)
+    before, after = random_mixture(rng, int(rng.integers(1, 6))), random_mixture(rng, 7)
+    p, q, cost = before.weights, after.weights, mean_distances(before, after)
+    here = emd(p, q, cost)
+    u = (cost - here.prices).min(axis=1)
+    for k, bound in enumerate(removal_bounds(q, here)):
+        rest = np.where(np.arange(7) == k, 0.0, q)
+        assert bound == pytest.approx(u @ p + here.prices @ rest / rest.sum(), rel=1e-9)
+        if len(p) == 1:
+            assert bound == pytest.approx(emd(p, rest, cost).distance, rel=1e-9)
+
+
+def test_of_removals_that_pay_the_same_the_first_is_taken():
+    place = GaussianMixture([1.0], [[0.0]], [[[1.0]]])
+    ring = GaussianMixture(np.full(30, 1 / 30), np.repeat([[2.0], [1.0]], [29, 1], axis=0), [[[1.0]]] * 30)
+    taken = extract_changes(place, ring).indices
+    np.testing.assert_array_equal(taken, np.arange(29))
+
+
+def test_where_all_stands_on_one_place_nothing_is_taken():
+    spot = GaussianMixture([0.5, 0.5], [[1.0], [1.0]], [[[1.0]], [[2.0]]])
+    assert extract_changes(spot.subset(0), spot).indices.size == 0
 
 
 def test_a_single_component_cannot_be_taken():

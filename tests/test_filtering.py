@@ -66,7 +66,7 @@ def test_float32_arithmetic_as_in_pcl_gives_the_same_count(name, leaf, kept, occ
 @given(clouds(max_size=25), st.integers(1, 6), st.floats(0, 3))
 def test_outliers_as_spelled_out(points, n_neighbors, std_ratio):
     if len(points) <= n_neighbors:
-        with pytest.raises(CloudError, match=f"n_neighbors = {n_neighbors}"):
+        with pytest.raises(CloudError, match=f"n_neighbors = {n_neighbors} others need {n_neighbors + 1}$"):
             statistical_outlier_mask(points, n_neighbors, std_ratio)
         return
     distances, threshold = outlier_mask_by_loops(points, n_neighbors, std_ratio)
@@ -140,6 +140,13 @@ def test_a_point_is_left_out_of_its_own_neighbours_among_duplicates():
     assert (distances[:120] == 0).all()
     np.testing.assert_array_equal(statistical_outlier_mask(points), distances <= threshold)
     assert statistical_outlier_mask(np.ones((100, 3))).all()
+
+
+@pytest.mark.parametrize(("together", "kept"), [(51, True), (50, False)])
+def test_50_neighbours_and_one_standard_deviation_where_nothing_else_is_asked_for(together, kept):
+    """Each of 51 points on one place has 50 neighbours at hand; of 50 it has one far away, 1.7 deviations too far."""
+    points = np.repeat([[0.0, 0, 0], [9, 0, 0]], [together, 150], axis=0)
+    np.testing.assert_array_equal(statistical_outlier_mask(points), [kept] * together + [True] * 150)
 
 
 @pytest.mark.parametrize("cells", [1, 10**9])

@@ -3,41 +3,62 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gmmcd_teach.clouds import Floats
-from gmmcd_teach.features import Blocks, block_size, moments, natural_parameters
+from gmmcd_teach.features import Blocks, moments, natural_parameters
 from gmmcd_teach.mixture import GaussianMixture
 
+REACH = 60.0  # nats: a component whose density lies so far below that of a point, exp(-60), has no share in it
 
-def expect(mixture: GaussianMixture, blocks: Blocks) -> tuple[float, Floats]:
+
+def expect(mixture: GaussianMixture, blocks: Blocks, reach: float = REACH) -> tuple[float, Floats]:
     """The E-step: log-likelihood (Eq. 4), and the (K, F) sums over points of w_ik times features (Eqs. 6 and 7).
 
     Dividing the few features of a point by its density, instead of its K densities, makes them responsibilities. Below
-    exp(-700) a density is as good as none, and slow to compute. Where a point's density has left the range of the
-    numbers, its reference was too old: all are taken anew from the largest term, as log-sum-exp does.
+    exp(-700) a density is as good as none, and slow to compute. Where a point's density has fallen far below that of
+    the E-step before, its reference was too old: all are taken anew from the largest term, as log-sum-exp does.
     """
-    features, counts = blocks
-    k, size = mixture.n_components, block_size(mixture.n_components)
+    features, counts = blocks.features, blocks.counts  # (M, F + 1, B), (M, B)
+    k, (_, f, size) = mixture.n_components, features.shape
     eta = np.column_stack([natural_parameters(mixture), np.ones(k)])  # the last column adds the reference
-    sums = np.zeros((k, len(features) - 1))
-    total = np.empty(len(counts))  # densities of the points, relative to the E-step before
+    sums = np.zeros((k, f - 1))
+    total = np.empty_like(counts)  # densities of the points, relative to the E-step before
     space, lowest = np.empty((2, k, size))  # for each block again: fresh memory costs more than the arithmetic
     lowest[:] = -700.0
-    ones = np.ones(k)
-    with np.errstate(over="ignore", invalid="ignore"):
-        for cut in blocks.cuts(k):
-            phi, density = features[:, cut], space[:, : cut.stop - cut.start]  # (F + 1, B), (K, B)
-            np.matmul(eta, phi, out=density)
-            np.maximum(density, lowest[:, : density.shape[1]], out=density)
+    divided = np.empty((f - 1, size))
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        for m, near in enumerate(within_reach(mixture, blocks, reach)):
+            phi, density = features[m], space[: len(near)]  # (F + 1, B), (K', B)
+            np.matmul(eta[near], phi, out=density)
+            np.maximum(density, lowest[: len(near)], out=density)
             np.exp(density, out=density)
-            np.matmul(ones, density, out=total[cut])
-            sums += density @ (phi[:-1] * (counts[cut] / total[cut])).T
-    if total.min() < 1e-100 or total.max() > 1e100:
-        for cut in blocks.cuts(k):
-            features[-1, cut] = -(eta[:, :-1] @ features[:-1, cut]).max(axis=0)
-        return expect(mixture, blocks)
-    features[-1] -= np.log(total, out=total)
-    return -float(features[-1] @ counts), sums
+            np.matmul(np.ones(len(near)), density, out=total[m])
+            np.multiply(phi[:-1], counts[m] / total[m], out=divided)
+            sums[near] += density @ divided.T
+    if reach < np.inf and (total.min() < 1e-10 or total.max() > 1e100):
+        features[:, -1] = 0.0
+        for phi in features:
+            phi[-1] = -(eta @ phi).max(axis=0)
+        return expect(mixture, blocks, np.inf)
+    features[:, -1] -= np.log(total, out=total)
+    return -float((features[:, -1] * counts).sum()), sums
+
+
+def within_reach(mixture: GaussianMixture, blocks: Blocks, reach: float = REACH) -> list[NDArray[np.intp]]:
+    """For each block the components that may come within `reach` nats of the density of one of its points.
+
+    Along the axes on which a component is round, z = W (s - mu), the box of a block covers an interval each. The
+    nearest ends give a distance that no point of the block can be below.
+    """
+    factors, peak = mixture.whitening
+    centres = (factors @ mixture.means[:, :, None]).reshape(-1, 1)  # (K D, 1)
+    axes = factors.reshape(len(centres), -1)  # (K D, D)
+    away = np.abs(axes @ blocks.centres.T - centres) - np.abs(axes) @ blocks.reaches.T  # (K D, M)
+    squared = (np.maximum(0.0, away) ** 2).reshape(len(peak), -1, len(blocks.centres)).sum(axis=1)
+    log_joint = peak[:, None] - 0.5 * squared  # (K, M), or less
+    least = -blocks.features[:, -1].max(axis=1)  # (M,)
+    return [near.nonzero()[0] for near in (log_joint >= least - reach).T]
 
 
 def maximise(

@@ -14,7 +14,7 @@ from gmmcd_teach.mixture import GaussianMixture
 
 def expect(mixture: GaussianMixture, blocks: Blocks) -> tuple[float, Floats]:
     """Log-likelihood (Eq. 4), and (F + 1, N) features whose last row takes off each point's log-density (`Blocks`)."""
-    features, counts = blocks
+    features, counts = np.hstack(tuple(blocks.features)), blocks.counts.ravel()  # (F + 1, N), (N,)
     log_joint = natural_parameters(mixture) @ features[:-1]  # (K, N)
     top = log_joint.max(axis=0)
     log_density = top + np.log(np.exp(np.maximum(log_joint - top, -700.0)).sum(axis=0))
@@ -31,6 +31,7 @@ def maximise(
     that they die one by one and those that remain can take over their points. While all have more than P / 2 points,
     no turn lets the penalised cost (Eq. 17) rise.
     """
+    counts = blocks.counts.ravel()
     alpha, means, covariances = (a.copy() for a in (mixture.weights, mixture.means, mixture.covariances))
     density = component_densities(means, covariances, features)  # (K, N), without the weights
     k = 0
@@ -41,12 +42,12 @@ def maximise(
             features = expect(GaussianMixture(alpha, means, covariances), blocks)[1]
             density = component_densities(means, covariances, features)
             total = alpha @ density
-        support = alpha * (density @ (blocks.counts / total))  # (K,)
+        support = alpha * (density @ (counts / total))  # (K,)
         if len(alpha) > min_components and support[k] <= penalty:
             alpha, means, covariances, density = (np.delete(a, k, axis=0) for a in (alpha, means, covariances, density))
             alpha /= alpha.sum()
             continue
-        w = alpha[k] * density[k] * (blocks.counts / total)  # (N,) responsibilities of component k
+        w = alpha[k] * density[k] * (counts / total)  # (N,) responsibilities of component k
         _, mean, covariance = moments((features[:-1] @ w)[None], covariance_floor)
         claims = np.where(support > penalty, support - penalty, support)  # (K,)
         others = np.arange(len(alpha)) != k

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import NamedTuple
 
@@ -11,38 +12,24 @@ from numpy.typing import NDArray
 from gmmcd_teach.clouds import CloudError, Floats
 from gmmcd_teach.mixture import GaussianMixture
 
-CACHE = 40_000  # numbers: the K x B densities of a block of B points, which the processor's cache can hold
-WIDEST = 4_000  # points in a block: their features have to fit, too
+BLOCK = 1_300  # most points worked on at a time: their densities under dozens of components fit the cache
 
 
 class Blocks(NamedTuple):
-    """The points as EM sees them, components and features as rows, worked on in blocks of columns.
+    """The points as EM sees them, in M blocks of B neighbours, components and features as rows.
 
     Attributes
     ----------
-    features : (F + 1, N) the features of N points; the last row is minus their log-density of the E-step before,
+    features : (M, F + 1, B) the features of the points; the last row is minus their log-density of the E-step before,
         so that a product with it gives log-densities relative to that, which the exponential can take as they are.
-    counts : (N,) how many points each column stands for.
+    counts : (M, B) how many points each column stands for; 0 for those that fill up the last places.
+    centres, reaches : (M, D) the boxes around the points of each block, and half of their edges.
     """
 
     features: Floats
     counts: Floats
-
-    def cuts(self, n_components: int) -> list[slice]:
-        """The columns of each block, as many as fit for so many components."""
-        size = block_size(n_components)
-        return [slice(start, min(start + size, len(self.counts))) for start in range(0, len(self.counts), size)]
-
-
-def block_size(n_components: int) -> int:
-    """B, the points in a block.
-
-    Examples
-    --------
-    >>> block_size(1), block_size(25), block_size(50)
-    (4000, 1600, 800)
-    """
-    return min(WIDEST, max(1, CACHE // n_components))
+    centres: Floats
+    reaches: Floats
 
 
 @cache
@@ -71,16 +58,52 @@ def quadratic_features(points: Floats) -> Floats:
     return np.concatenate([np.ones((1, n)), x, x[i] * x[j]])
 
 
-def blocks_of(features: Floats, counts: Floats) -> Blocks:
-    """(F, N) features and their (N,) counts, with a reference of 0 to begin with.
+def blocks_of(features: Floats, counts: Floats, size: int = BLOCK) -> Blocks:
+    """(F, N) features and their (N,) counts in blocks of at most `size`, with a reference of 0 to begin with.
 
     Examples
     --------
-    >>> blocks = blocks_of(np.ones((6, 2000)), np.ones(2000))
-    >>> blocks.features.shape, blocks.cuts(25)
-    ((7, 2000), [slice(0, 1600, None), slice(1600, 2000, None)])
+    >>> blocks = blocks_of(quadratic_features(np.array([[5.0], [1.0], [4.0]])), np.ones(3), size=2)
+    >>> blocks.features.shape, blocks.centres.ravel().tolist(), blocks.reaches.ravel().tolist()
+    ((2, 4, 2), [2.5, 4.5], [1.5, 0.5])
     """
-    return Blocks(np.concatenate([features, np.zeros((1, len(counts)))]), counts)
+    f, n = features.shape
+    halvings = max(0, math.ceil(math.log2(n / size)))
+    places = -(-n // 2**halvings) * 2**halvings  # the last point again, counted 0 times, fills up
+    order = neighbourhoods(np.pad(features[1 : 1 + dimensions(f)], ((0, 0), (0, places - n)), "edge"), halvings)
+    of_blocks = np.zeros((len(order), f + 1, order.shape[1]))
+    of_blocks[:, :-1] = features[:, np.minimum(order, n - 1)].swapaxes(0, 1)
+    points = of_blocks[:, 1 : 1 + dimensions(f)]  # (M, D, B)
+    low, high = points.min(axis=2), points.max(axis=2)
+    return Blocks(of_blocks, np.pad(counts, (0, places - n))[order], (low + high) / 2, (high - low) / 2)
+
+
+def neighbourhoods(points: Floats, halvings: int) -> NDArray[np.intp]:
+    """(M, B) indices of (D, N) points, halved again and again along the longest edge of their box; N = M B.
+
+    Examples
+    --------
+    >>> neighbourhoods(np.array([[0.0, 9.0, 0.1, 8.0], [5.0, 5.1, 5.2, 5.3]]), 1).tolist()
+    [[0, 2], [3, 1]]
+    """
+    order = np.arange(points.shape[1])[None]
+    for _ in range(halvings):
+        x = points[:, order]  # (D, M, B)
+        x = x[np.ptp(x, axis=2).argmax(axis=0), np.arange(len(order))]  # (M, B) the coordinate that varies most
+        middle = order.shape[1] // 2
+        order = np.take_along_axis(order, np.argpartition(x, middle, axis=1), axis=1).reshape(-1, middle)
+    return order
+
+
+def dimensions(n_features: int) -> int:
+    """D of points with F = (D + 1) (D + 2) / 2 features.
+
+    Examples
+    --------
+    >>> dimensions(6), dimensions(10)
+    (2, 3)
+    """
+    return int(np.sqrt(2 * n_features + 0.25) - 1.5)
 
 
 def average_over_cells(points: Floats, features: Floats, counts: Floats, cell_size: float) -> tuple[Floats, Floats]:
@@ -115,15 +138,11 @@ def natural_parameters(mixture: GaussianMixture) -> Floats:
     >>> abs((natural_parameters(one) @ quadratic_features(np.array([[2.0]])) + np.log(2 * np.pi) / 2).item()) < 1e-15
     True
     """
-    d = mixture.n_dimensions
-    i, j = pairs(d)
-    factors = np.linalg.inv(np.linalg.cholesky(mixture.covariances))  # (K, D, D)
-    precisions = factors.swapaxes(1, 2) @ factors  # Sigma^-1
+    i, j = pairs(mixture.n_dimensions)
+    factors, peak = mixture.whitening
+    precisions = factors.swapaxes(1, 2) @ factors  # (K, D, D) Sigma^-1
     linear = (precisions @ mixture.means[:, :, None])[:, :, 0]  # (K, D)
-    half_log_det = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
-    constant = (
-        np.log(mixture.weights) + half_log_det - d / 2 * np.log(2 * np.pi) - 0.5 * (linear * mixture.means).sum(axis=1)
-    )
+    constant = peak - 0.5 * (linear * mixture.means).sum(axis=1)
     return np.column_stack([constant, linear, precisions[:, i, j] * np.where(i == j, -0.5, -1.0)])
 
 
@@ -139,7 +158,7 @@ def moments(sums: Floats, covariance_floor: float) -> tuple[Floats, Floats, Floa
     (4.0, 2.0, 1.0)
     """
     support = sums[:, 0]
-    d = int(np.sqrt(2 * sums.shape[1] + 0.25) - 1.5)  # F = (D + 1) (D + 2) / 2
+    d = dimensions(sums.shape[1])
     i, j = pairs(d)
     means = sums[:, 1 : 1 + d] / support[:, None]
     upper = sums[:, 1 + d :] / support[:, None] - means[:, i] * means[:, j]

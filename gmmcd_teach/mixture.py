@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from numbers import Integral
 from typing import Any
 
@@ -60,7 +61,7 @@ class GaussianMixture:
             raise CloudError(
                 f"mixture weights: from {self.weights.min():.3g}, sum {self.weights.sum():.9g}; expected >= 0, sum 1"
             )
-        cholesky_factors(self.covariances)
+        self.whitening  # noqa: B018  a covariance that is not positive definite is told here
 
     @property
     def n_components(self) -> int:
@@ -72,16 +73,28 @@ class GaussianMixture:
         """D, the dimension of the points."""
         return self.means.shape[1]
 
+    @cached_property
+    def whitening(self) -> tuple[Floats, Floats]:
+        """W (K, D, D) with Sigma^-1 = W^T W, and (K,) the log-joint at the means: |W (s - mu)|^2 / 2 more than at s.
+
+        Examples
+        --------
+        >>> GaussianMixture([1.0], [[0.0]], [[[4.0]]]).whitening[0].ravel()
+        array([0.5])
+        """
+        factors = np.asarray(np.linalg.inv(cholesky_factors(self.covariances)), dtype=np.float64)
+        log_volume = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)  # (K,) -log |Sigma| / 2
+        with np.errstate(divide="ignore"):  # a weight of 0 has the logarithm -inf
+            peak = np.log(self.weights) + log_volume - self.n_dimensions / 2 * np.log(2 * np.pi)
+        return factors, np.asarray(peak, dtype=np.float64)
+
     def log_joint(self, points: ArrayLike) -> Floats:
         """(K, N) log alpha_k + log p(s_i | theta_k): the terms of the sum in Eq. 1, components as rows.
 
         Each distance is taken from the component's own mean, so nothing is lost far from the origin.
         """
         s = self._check(points)
-        factors = np.linalg.inv(cholesky_factors(self.covariances))  # (K, D, D): Sigma^-1 = W^T W
-        log_volume = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)  # (K,) -log |Sigma| / 2
-        with np.errstate(divide="ignore"):  # a weight of 0 has the logarithm -inf
-            peak = np.log(self.weights) + log_volume - self.n_dimensions / 2 * np.log(2 * np.pi)  # (K,)
+        factors, peak = self.whitening
         z = (factors[k] @ (s - self.means[k]).T for k in range(self.n_components))  # (D, N) each, whitened
         return np.stack([peak[k] - 0.5 * (z_k**2).sum(axis=0) for k, z_k in enumerate(z)])
 

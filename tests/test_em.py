@@ -56,9 +56,10 @@ def same_mixture(a: GaussianMixture, b: GaussianMixture, rtol: float = 1e-9, ato
 
 
 def rounding_of_likelihood(points: np.ndarray, m: GaussianMixture) -> float:
-    """What rounding can do to a sum of log-densities, each a product of F coefficients and F features."""
+    """What rounding can do to a sum of N log-densities, each a product of F coefficients and F features."""
     terms = abs(natural_parameters(m)) @ abs(quadratic_features(points))  # (K, N)
-    return float(EPS * (terms.shape[0] + quadratic_features(points).shape[0]) * terms.max(axis=0).sum())
+    additions = terms.shape[0] + quadratic_features(points).shape[0] + np.log2(len(points))
+    return float(EPS * additions * terms.max(axis=0).sum())
 
 
 # The literal loops: the paper's equations as they stand (put right where the errata say so).

@@ -137,6 +137,7 @@ def test_eq_12_only_components_with_weight_go_on():
 def test_eq_13_parameters_of_one_component(d, p):
     entries = d + sum(1 for i in range(d) for j in range(d) if i <= j)
     assert n_parameters(d) == entries == p
+    assert isinstance(n_parameters(d), int)
 
 
 def test_eq_14_em_stops_when_the_likelihood_stands_still():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -165,17 +167,21 @@ ONE = ([1.0], [[0.0, 0.0]], [np.eye(2)])
 @pytest.mark.parametrize(
     ("weights", "means", "covariances", "words"),
     [
-        ([0.7], *ONE[1:], r"mixture weights: .*sum 0\.7; expected >= 0, sum 1"),
+        ([0.7], *ONE[1:], "mixture weights: from 0.7, sum 0.7; expected >= 0, sum 1"),
         ([1.0 + 1e-7], *ONE[1:], "sum 1.0000001"),
         ([1.5, -0.5], [[0.0], [1.0]], [[[1.0]], [[1.0]]], "mixture weights: from -0.5"),
         ([np.nan], *ONE[1:], "NaN or infinity"),
         (ONE[0], [[np.inf, 0.0]], ONE[2], "NaN or infinity"),
         (*ONE[:2], [np.full((2, 2), np.nan)], "NaN or infinity"),
         (*ONE[:2], [[[1.0, 2.0], [2.0, 1.0]]], "covariance of component 0: smallest eigenvalue -1, not positive"),
-        (*ONE[:2], [np.zeros((2, 2))], "covariance of component 0: .* not positive definite"),
+        (
+            *ONE[:2],
+            [np.zeros((2, 2))],
+            "covariance of component 0: smallest eigenvalue 0, not positive definite; raise covariance_floor",
+        ),
         (*ONE[:2], [[[1.0, 0.5], [0.1, 1.0]]], "covariance of component 0: not symmetric"),
         ([0.5, 0.5], [[0.0], [1.0]], [[[1.0]], [[-1.0]]], "covariance of component 1: "),
-        (ONE[0], [0.0, 0.0], ONE[2], r"shapes \(1,\), \(2,\), \(1, 2, 2\); expected \(K,\), \(K, D\), \(K, D, D\)"),
+        (ONE[0], [0.0, 0.0], ONE[2], "shapes (1,), (2,), (1, 2, 2); expected (K,), (K, D), (K, D, D)"),
         ([0.5, 0.5], *ONE[1:], "shapes"),
         (*ONE[:2], np.eye(2), "shapes"),
         ([], np.empty((0, 2)), np.empty((0, 2, 2)), "shapes"),
@@ -185,24 +191,24 @@ ONE = ([1.0], [[0.0, 0.0]], [np.eye(2)])
     ],
 )
 def test_what_is_no_mixture_is_refused(weights, means, covariances, words):
-    with pytest.raises(CloudError, match=words):
+    with pytest.raises(CloudError, match=re.escape(words)):
         GaussianMixture(weights, means, covariances)
 
 
 @pytest.mark.parametrize(
     ("points", "words"),
     [
-        ([[0.0, 0.0, 0.0]], r"points: shape \(1, 3\); expected \(N, D\) with D = 2"),
-        ([0.0, 0.0], r"points: shape \(2,\)"),
+        ([[0.0, 0.0, 0.0]], "points: shape (1, 3); expected (N, D) with D = 2"),
+        ([0.0, 0.0], "points: shape (2,)"),
         (np.empty((0, 2)), "points: 0 points; at least 1 needed"),
         ([[0.0, np.nan]], "points: 1 of 1 points hold NaN or infinity"),
         ([["a", "b"]], "points: not an array of numbers"),
-        ([[1e200, 0.0]], "points: coordinates beyond 1e.100 m"),
+        ([[1e200, 0.0]], "points: coordinates beyond 1e+100 m; their squares overflow"),
     ],
 )
 @pytest.mark.parametrize("method", ["log_joint", "log_density", "responsibilities", "assign", "log_likelihood"])
 def test_points_that_do_not_fit_are_refused(method, points, words):
-    with pytest.raises(CloudError, match=words):
+    with pytest.raises(CloudError, match=re.escape(words)):
         getattr(GaussianMixture(*ONE), method)(points)
 
 

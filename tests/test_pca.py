@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -104,13 +106,13 @@ def test_a_number_of_axes_that_there_is_not_is_refused(n):
     ("points", "words"),
     [
         ([[1.0, 2.0, 3.0]], "points: 1 points; at least 2 needed"),
-        ([1.0, 2.0], r"points: shape \(2,\)"),
+        ([1.0, 2.0], "points: shape (2,)"),
         ([[0.0, np.nan]] * 3, "points: 3 of 3 points hold NaN"),
         ("cloud", "points: not an array of numbers"),
     ],
 )
 def test_what_has_no_axes_is_refused(points, words):
-    with pytest.raises(CloudError, match=words):
+    with pytest.raises(CloudError, match=re.escape(words)):
         principal_axes(points)
 
 

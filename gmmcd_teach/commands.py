@@ -17,6 +17,7 @@ from gmmcd_teach.formats.atomic import place_folder
 from gmmcd_teach.formats.depth import read_depth
 from gmmcd_teach.lab import simulate_pair, tabletop_pair
 from gmmcd_teach.lab.scenes import SCENES
+from gmmcd_teach.lab.shapes import transform
 from gmmcd_teach.lab.tabletop import TABLETOP_PAIRS
 from gmmcd_teach.methods import METHODS, detect_changes, options_of
 from gmmcd_teach.plausibility import doubts, offset
@@ -44,8 +45,8 @@ def detect(options: argparse.Namespace) -> str:
     if options.align:
         say("aligning")
         motion, warnings = aligned(before, after)
-        after = moved(after, motion)
-        after_origin = None if after_origin is None else moved(after_origin, motion)
+        after = transform(motion, after)
+        after_origin = None if after_origin is None else transform(motion, after_origin)
     warnings += doubts(before, after)
     takes = options_of(METHODS[options.method])
     if options.leaf is not None and "leaf_size" not in takes:
@@ -111,24 +112,13 @@ def aligned(before: Floats, after: Floats) -> tuple[Floats, list[str]]:
     gap, _ = offset(before, after)
     motion = align(after, before, max_distance=max(0.1, 3 * gap))
     middle = after.mean(axis=0)
-    shift = float(np.linalg.norm(moved(middle, motion) - middle))
+    shift = float(np.linalg.norm(transform(motion, middle) - middle))
     turn = float(np.degrees(Rotation.from_matrix(motion[:3, :3]).magnitude()))
     if shift > 0.1 * np.ptp(before, axis=0).max() or turn > 10:
         return motion, [
             f"the alignment moved the later scan by {shift:.2f} m and {turn:.1f} degrees; look whether it fits"
         ]
     return motion, []
-
-
-def moved(points: Floats, motion: Floats) -> Floats:
-    """Points (N, 3), or one (3,), after a rigid motion (4, 4).
-
-    Examples
-    --------
-    >>> moved(np.array([1.0, 2.0, 3.0]), np.eye(4))
-    array([1., 2., 3.])
-    """
-    return np.asarray(points @ motion[:3, :3].T + motion[:3, 3])
 
 
 def origin_of(path: Path, told: list[float] | None) -> Floats | None:

@@ -605,7 +605,7 @@ def test_saving_is_all_or_nothing(scene, tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "replace", fail)
+        patch.setattr("gmmcd_teach.formats.atomic.os.replace", fail)
         with pytest.raises(OSError, match="No space"):
             scene.save(path)
     assert path.read_text() == "the old page"

@@ -13,6 +13,7 @@ from gmmcd_teach.beyond.league import answer, league_pair
 from gmmcd_teach.clouds import Floats
 from gmmcd_teach.lab import ScenePair
 from gmmcd_teach.lab.camera import frame_pixels
+from gmmcd_teach.lab.shapes import transform
 from gmmcd_teach.lab.survey import rotation
 from gmmcd_teach.study.runs import Row
 
@@ -43,7 +44,7 @@ def carried(pair: ScenePair, motion: ArrayLike) -> ScenePair:
     """
     m = np.asarray(motion, dtype=np.float64)
     frames = tuple(replace(frame, pose=m @ frame.pose) for frame in pair.after_frames)
-    return replace(pair, after=pair.after @ m[:3, :3].T + m[:3, 3], after_frames=frames)
+    return replace(pair, after=transform(m, pair.after), after_frames=frames)
 
 
 def disturbed(

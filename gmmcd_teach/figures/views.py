@@ -9,7 +9,6 @@ import io
 import json
 import os
 import re
-import tempfile
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from gmmcd_teach.formats.atomic import write_text_atomically
 
 from .cards import CARD_STYLE, card, checked_alt, image_tag, png, unique_id
 from .page import TEMPLATE
@@ -79,7 +80,8 @@ class View:
         below = f'<div class="gmmcd-card">{caption}{self._still_html()}{extra}</div><style>{CARD_STYLE}{_STYLE}</style>'
         page = re.sub(r"<title>.*?</title>", lambda _: f"<title>{escape(title)}</title>", self.page, count=1)
         page = page.replace('<body class="framed">', '<body class="alone">').replace("<!--below-->", below)
-        return write_atomically(Path(path), page)
+        write_text_atomically(Path(path), page)
+        return Path(path)
 
     def _still_html(self) -> str:
         image = image_tag(self.still, self.alt, width=900).replace('class="', 'class="gmmcd-still ', 1)
@@ -155,8 +157,7 @@ def share_viewer(directory: str | Path) -> int:
 
     Examples
     --------
-    >>> import tempfile
-    >>> share_viewer(tempfile.mkdtemp())
+    >>>     >>> share_viewer(tempfile.mkdtemp())
     0
     """
     root = Path(directory)
@@ -185,26 +186,12 @@ def share_viewer(directory: str | Path) -> int:
         lighter = _FRAME.sub(link, html)
         if lighter != html:
             saved += len(html.encode()) - len(lighter.encode())
-            write_atomically(page, lighter)
+            write_text_atomically(page, lighter)
     for path, content in written.items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, content)
+        write_text_atomically(path, content)
         saved -= len(content.encode())
     return saved
-
-
-def write_atomically(path: Path, text: str) -> Path:
-    """Write a text file all or nothing: to a neighbour first, then under its name."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    try:
-        with open(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
-    return path
 
 
 def _page(view: View) -> str:

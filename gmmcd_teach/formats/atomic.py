@@ -30,6 +30,20 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
         draft.unlink(missing_ok=True)
 
 
+def write_text_atomically(path: Path, text: str) -> None:
+    """Write a text file in UTF-8, all or nothing; fails as `write_atomically` does.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as home:
+    ...     write_text_atomically(Path(home, "a.txt"), "a")
+    ...     os.listdir(home)
+    ['a.txt']
+    """
+    write_atomically(path, lambda file: file.write(text.encode()))
+
+
 def check_folder(folder: Path) -> None:
     """Refuse a folder for results that cannot be made or written to, before any work is done for it.
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gmmcd_teach.formats import Fields, Malformed
 from gmmcd_teach.formats.arrays import FLOOR, RATIO
-from gmmcd_teach.formats.atomic import write_atomically
+from gmmcd_teach.formats.atomic import write_atomically, write_text_atomically
 
 Floats = NDArray[np.float64]
 KEYS = ("intrinsics", "scale", "pose")
@@ -108,7 +108,7 @@ def write_depth(
         def write(file: BinaryIO) -> None:
             Image.fromarray(grey.astype(np.uint16)).save(file, "PNG")
 
-        write_atomically(path.with_suffix(".json"), lambda file: file.write(json.dumps(meaning).encode()))
+        write_text_atomically(path.with_suffix(".json"), json.dumps(meaning))
         write_atomically(path, write)
     except Malformed as problem:
         raise CloudError(f"{path}: {problem}") from None

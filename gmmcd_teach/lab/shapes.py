@@ -35,7 +35,7 @@ def axis_along(axis: str) -> Floats:
 
 
 def transform(pose: Floats, points: ArrayLike) -> Floats:
-    """Points (N, 3) moved by a rigid pose (4, 4)."""
+    """Points (N, 3), or one (3,), moved by a rigid pose (4, 4)."""
     return np.asarray(points, dtype=np.float64) @ pose[:3, :3].T + pose[:3, 3]
 
 

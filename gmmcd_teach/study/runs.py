@@ -21,7 +21,7 @@ import pandas as pd
 import pooch
 from joblib.parallel import get_active_backend
 
-from gmmcd_teach.formats.atomic import write_atomically
+from gmmcd_teach.formats.atomic import write_text_atomically
 from gmmcd_teach.progress import progress_bar
 
 PACKAGE = Path(__file__).resolve().parents[1]
@@ -222,4 +222,4 @@ def remember(path: Path | None, rows: list[Row]) -> None:
     if path is not None:
         with suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(path, lambda file: file.write(json.dumps(rows).encode()))
+            write_text_atomically(path, json.dumps(rows))

@@ -78,7 +78,7 @@ def test_eq_04_log_likelihood_is_a_sum_of_logarithms():
 
 
 def test_eq_05_em_ends_higher_than_any_small_step_away():
-    fit = fit_mixture(S, K, K, tol=0, max_iter=3000, covariance_floor=0.0)
+    fit = fit_mixture(S, K, K, tol=0, max_iter=600, covariance_floor=0.0)
     for axis, step in product(range(D), (-1e-3, 1e-3)):
         for k in range(K):
             means = fit.mixture.means.copy()

@@ -18,6 +18,7 @@ PUBLISHED = [
     ("bun0.pcd", 0.02, 352, 103),
     ("table_scene_mug_stereo_textured_noplane.pcd", 0.01, 22745, 719),
 ]
+quick = settings(max_examples=40, deadline=None)
 needs_files = pytest.mark.skipif(not FILTERS.is_dir(), reason="needs ../shared/real/filters")
 
 
@@ -62,7 +63,7 @@ def test_float32_arithmetic_as_in_pcl_gives_the_same_count(name, leaf, kept, occ
     assert len(np.unique(cells, axis=0)) == occupied
 
 
-@settings(deadline=None)
+@quick
 @given(clouds(max_size=25), st.integers(1, 6), st.floats(0, 3))
 def test_outliers_as_spelled_out(points, n_neighbors, std_ratio):
     if len(points) <= n_neighbors:
@@ -76,7 +77,7 @@ def test_outliers_as_spelled_out(points, n_neighbors, std_ratio):
     np.testing.assert_array_equal(mask[sure], (distances <= threshold)[sure])
 
 
-@settings(deadline=None)
+@quick
 @given(clouds(), st.sampled_from([0.125, 0.3, 1, 7.5, 1000]))
 def test_voxels_as_spelled_out(points, leaf):
     voxels = voxel_downsample(points, leaf)
@@ -86,7 +87,7 @@ def test_voxels_as_spelled_out(points, leaf):
     np.testing.assert_allclose(voxels.centroids, [points[ids].mean(axis=0) for ids in members], rtol=0, atol=1e-12)
 
 
-@settings(deadline=None)
+@quick
 @given(clouds(), st.integers(-(10**6), 10**6))
 def test_moving_by_whole_leaves_moves_the_centroids(points, leaves):
     here, there = voxel_downsample(points, 0.5), voxel_downsample(points + 0.5 * leaves, 0.5)
@@ -94,7 +95,7 @@ def test_moving_by_whole_leaves_moves_the_centroids(points, leaves):
     np.testing.assert_allclose(there.centroids, here.centroids + 0.5 * leaves, rtol=0, atol=1e-9)
 
 
-@settings(deadline=None)
+@quick
 @given(clouds(), st.randoms(use_true_random=False))
 def test_order_of_points_does_not_matter(points, random):
     order = np.array(random.sample(range(len(points)), len(points)))
@@ -103,7 +104,7 @@ def test_order_of_points_does_not_matter(points, random):
     np.testing.assert_allclose(there.centroids, here.centroids, rtol=0, atol=1e-12)
 
 
-@settings(deadline=None)
+@quick
 @given(clouds())
 def test_downsampling_keeps_the_mean_and_its_own_result(points):
     voxels = voxel_downsample(points, 0.5)

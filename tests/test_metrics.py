@@ -15,7 +15,7 @@ from gmmcd_teach import CloudError, Confusion, GaussianMixture, component_truth,
 SEEDS = st.integers(0, 2**32 - 1)
 ANSWERS = st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=30)
 PAIR = GaussianMixture([0.5, 0.5], [[0.0], [9.0]], [[[1.0]], [[1.0]]])
-quick = settings(max_examples=100, deadline=None)
+quick = settings(max_examples=40, deadline=None)
 
 
 @given(ANSWERS)

@@ -131,6 +131,15 @@ def test_samples_have_the_mixtures_moments():
     assert share.shape == (3,)
 
 
+def test_samples_one_by_one():
+    m = random_mixture(np.random.default_rng(5), 4, 3)
+    rng = np.random.default_rng(7)
+    component, noise = rng.choice(4, size=50, p=m.weights), rng.standard_normal((50, 3))
+    expected = [m.means[k] + np.linalg.cholesky(m.covariances[k]) @ z for k, z in zip(component, noise, strict=True)]
+    np.testing.assert_allclose(m.sample(50, rng=7), expected, rtol=1e-12)
+    np.testing.assert_array_equal(m.sample(50), m.sample(50, rng=0))
+
+
 def test_the_same_seed_draws_the_same_points():
     m = random_mixture(np.random.default_rng(4), 3, 3)
     np.testing.assert_array_equal(m.sample(9, rng=7), m.sample(9, rng=7))

@@ -500,6 +500,13 @@ def test_cells_are_cubes_from_the_least_corner():
     np.testing.assert_allclose(sorted(zip(totals, means[1], means[2], strict=True)), expected)
 
 
+def test_cells_too_many_to_be_numbered_are_refused():
+    points = np.array([[0.0], [2.0**52]])
+    assert average_over_cells(points, quadratic_features(points), np.ones(2), 1.0)[1].tolist() == [1.0, 1.0]
+    with pytest.raises(CloudError, match=r"cell_size = 0\.00048828125: too many cells"):
+        average_over_cells(points, quadratic_features(points), np.ones(2), 2.0**-11)
+
+
 @BOTH_UPDATES
 def test_a_path_on_tiny_cells_is_the_path_on_points(update):
     points = clusters(9)
@@ -523,6 +530,7 @@ def test_the_polish_runs_on_all_points_and_shortens_the_description(update):
     assert {record.event for record in added} == {"polish"}
     assert added[0].log_likelihood == pytest.approx(rough.mixture.log_likelihood(points), rel=1e-9)
     assert polished.description_length < description_length(rough.mixture, points)
+    assert polished.log_likelihood == pytest.approx(polished.mixture.log_likelihood(points), rel=1e-9)
 
 
 # Clouds that break careless programs.

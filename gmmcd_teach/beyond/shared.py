@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linprog
+from scipy.spatial import KDTree
 from scipy.stats import binom
 
 from gmmcd_teach.beyond.baselines import check_lengths
+from gmmcd_teach.beyond.surface import nearest
 from gmmcd_teach.beyond.visibility import looks
 from gmmcd_teach.clouds import CloudError, Floats, check_points
 from gmmcd_teach.detection import Bools, Detection, Stopwatch, em_progress, prepare
@@ -19,7 +21,6 @@ from gmmcd_teach.filtering import voxel_downsample
 from gmmcd_teach.lab.pair import DepthFrame
 from gmmcd_teach.mixture import GaussianMixture, floats
 
-SEEN_THROUGH = 0.1  # share of a component that the other scan must have looked past, for it to have changed
 TOL = 1e-4  # the floor blurs what more steps of EM would tell
 
 
@@ -56,7 +57,8 @@ def detect_shared(
     leaf_size, outlier_filter : thin and filter the clouds first.
     before_origin, after_origin : (3,) metres, and
     before_frames, after_frames : the depth frames: where one of the two is told, a component must have been looked
-        past by the other scan to have changed, and more of it looked past than met; what was merely hidden has not.
+        past by the other scan to have changed, at least as much of it as was met again; and patches that the other
+        scan has there count only where they were met again, not where they are new or have come out of hiding.
     rng, progress : seed of the start of EM; show how far it has come.
     alignment_error : metres, how far the clouds may be off each other.
     share : of a component's patches that one cloud must hold for the other to lack it, above 0.5. None takes 0.7, or
@@ -93,7 +95,7 @@ def detect_shared(
     watch = Stopwatch()
     patch = patch_size or 1.5 * max(alignment_error, 1e-3)
     old, new = (prepare(cloud, leaf_size, outlier_filter) for cloud in clouds)
-    patches = [voxel_downsample(cloud, patch).centroids for cloud in (old, new)]
+    patches = [surface_patches(cloud, patch) for cloud in (old, new)]
     watch("filter")
     em_options = {"tol": TOL, "covariance_floor": max(alignment_error, 1e-3) ** 2, **em_options}
     together = np.concatenate(patches)
@@ -107,22 +109,17 @@ def detect_shared(
             **em_options,
         ).mixture
     watch("em")
-    members = [mixture.assign(centroids) for centroids in patches]
-    masses = [np.bincount(member, minlength=mixture.n_components) for member in members]
-    gone, come = changed_components(masses[0], masses[1], share, false_alarms)
-    for changed, mine, other, origin, frames in (
-        (gone, 0, new, after_origin, after_frames),
-        (come, 1, old, before_origin, before_frames),
-    ):
-        if frames is not None or origin is not None:
-            seen = looks(patches[mine], other, origin, frames, patch)
-            past, met = (
-                np.bincount(members[mine], patch_says, len(changed))
-                for patch_says in (seen.past > seen.met, (seen.met > 0) & (seen.met >= seen.past))
-            )
-            changed &= past > np.maximum(met, SEEN_THROUGH * masses[mine])
-    held = masses[0] * ~come, masses[1] * ~gone  # a stray patch or two of what the other cloud has alone is dropped
-    sides = [GaussianMixture(mass / mass.sum(), mixture.means, mixture.covariances) for mass in held]
+    said = (
+        other_scan_says(patches[0], new, after_origin, after_frames, patch),
+        other_scan_says(patches[1], old, before_origin, before_frames, patch),
+    )
+    held, past, met = zip(*(votes(mixture, *asked) for asked in zip(patches, said, strict=True)), strict=True)
+    fewest = np.log2(2 * mixture.n_components / false_alarms)  # fewer patches, though of one scan, may be chance
+    sides = [one_side(mixture, *scan, fewest) for scan in zip(held, patches, strict=True)]
+    gone = changed_components(held[0], met[1], share, false_alarms)[0]
+    come = changed_components(met[0], held[1], share, false_alarms)[1]
+    for i, changed in enumerate((gone, come)):
+        changed &= (past[i] >= np.maximum(met[i], 1)) & (sides[i].weights > 0)
     watch("compare")
     return Detection(
         come[sides[1].assign(clouds[1])],
@@ -133,6 +130,69 @@ def detect_shared(
         np.flatnonzero(gone),
         watch.seconds,
     )
+
+
+def surface_patches(cloud: Floats, size: float) -> Floats:
+    """Centroids (M, D) of the cells of this size; where most cells hold several points, one alone is no surface.
+
+    At an outline a pixel may see two surfaces at once, and report a depth between them. Such points are few and far
+    between, and would make components of their own.
+
+    Examples
+    --------
+    >>> surface_patches(np.array([[0.1], [0.2], [1.1], [1.2], [2.5]]), 1.0)
+    array([[0.15],
+           [1.15]])
+    """
+    voxels = voxel_downsample(cloud, size)
+    return voxels.centroids[voxels.counts >= min(2, np.median(voxels.counts))]
+
+
+def other_scan_says(
+    patches: Floats, scan: Floats, origin: ArrayLike | None, frames: Sequence[DepthFrame] | None, margin: float
+) -> tuple[Bools, Bools]:
+    """Which patches (M,) the other scan has looked past, and which it has met again; neither: hidden.
+
+    Of a scan that does not tell where its sensor was nothing is known: all patches count as both.
+
+    Examples
+    --------
+    >>> wall = np.stack(np.meshgrid(np.linspace(-1, 1, 50), np.linspace(-1, 1, 50), [2.0]), -1).reshape(-1, 3)
+    >>> past, met = other_scan_says(np.array([[0, 0, 1.0], [0, 0, 2.0], [0, 0, 3.0]]), wall, np.zeros(3), None, 0.1)
+    >>> past.tolist(), met.tolist()
+    ([True, False, False], [False, True, False])
+    """
+    if origin is None and frames is None:
+        return np.ones(len(patches), dtype=bool), np.ones(len(patches), dtype=bool)
+    seen = looks(patches, scan, origin, frames, margin)
+    near = nearest(KDTree(scan), patches)[0][:, 0] < margin
+    past = (seen.past > seen.met) & ~near
+    return past, near | ((seen.met > 0) & ~past)
+
+
+def votes(mixture: GaussianMixture, patches: Floats, said: tuple[Bools, Bools]) -> Floats:
+    """(3, K): how many of the patches (M, D) each component holds, and how many of these were looked past, and met.
+
+    Examples
+    --------
+    >>> pair = GaussianMixture([0.5, 0.5], [[0.0], [9.0]], [[[1.0]], [[1.0]]])
+    >>> past, met = np.array([[False, False, True], [True, False, False]])
+    >>> votes(pair, np.array([[0.1], [8.8], [9.1]]), (past, met)).tolist()
+    [[1.0, 2.0], [0.0, 1.0], [1.0, 0.0]]
+    """
+    member, k = mixture.assign(patches), mixture.n_components
+    return np.array([np.bincount(member, flags, k) for flags in (np.ones(len(member)), *said)], dtype=np.float64)
+
+
+def one_side(mixture: GaussianMixture, held: Floats, patches: Floats, fewest: float) -> GaussianMixture:
+    """The mixture with the weights of one scan: the share of its patches (M, D) that each component holds, (K,).
+
+    As in EM, a component with too little support is annihilated (Eq. 12), and its patches go to the others.
+    """
+    own = GaussianMixture(held / held.sum(), mixture.means, mixture.covariances)
+    counts = np.bincount(own.assign(patches), minlength=len(held))
+    kept = np.where(counts > min(fewest, counts.max() - 1), counts, 0)
+    return GaussianMixture(kept / kept.sum(), mixture.means, mixture.covariances)
 
 
 def changed_components(before: ArrayLike, after: ArrayLike, share: float, false_alarms: float) -> tuple[Bools, Bools]:

@@ -86,8 +86,8 @@ def test_the_same_tables_come_out_twice(path: Path, installed: str) -> None:
 
 def words(outputs: list[dict[str, Any]]) -> list[str]:
     """What the outputs of a cell say: streams, tables, Markdown; no pictures, no addresses of objects."""
-    said = [output.get("text", "") for output in outputs]
+    said = "".join(output.get("text", "") for output in outputs)  # a stream comes in pieces, cut anywhere
     for output in outputs:
         data = output.get("data", {})
-        said += ["".join(data[kind]) for kind in ("text/markdown", "text/plain") if kind in data]
-    return [re.sub(r"0x[0-9a-f]+", "", text) for text in said]
+        said += "\n".join("".join(data[kind]) for kind in ("text/markdown", "text/plain") if kind in data)
+    return re.sub(r"0x[0-9a-f]+", "", said).split()

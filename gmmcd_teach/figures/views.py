@@ -157,7 +157,8 @@ def share_viewer(directory: str | Path) -> int:
 
     Examples
     --------
-    >>>     >>> share_viewer(tempfile.mkdtemp())
+    >>> import tempfile
+    >>> share_viewer(tempfile.mkdtemp())
     0
     """
     root = Path(directory)

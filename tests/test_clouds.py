@@ -508,6 +508,15 @@ def test_unfit_points(points, message):
         check_points(points, "cloud", minimum=2, dimensions=(2, 3))
 
 
+def test_points_of_any_dimension_but_none():
+    assert check_points([[1.0], [2.0]]).shape == (2, 1)
+    for points, shape in ((np.ones(3), "(3,)"), (np.ones((2, 0)), "(2, 0)")):
+        with pytest.raises(
+            CloudError, match="^" + re.escape(f"points: shape {shape}; expected (N, D) with D = 1 or more")
+        ):
+            check_points(points)
+
+
 def test_malformed_is_not_seen_outside():
     assert not issubclass(Malformed, CloudError)
     assert not issubclass(CloudError, Malformed)

@@ -228,6 +228,19 @@ def test_the_e_step_is_right_however_old_its_reference(update, seed, far):
         assert log_likelihood == pytest.approx(m.log_likelihood(points), abs=rounding)
 
 
+@given(SEEDS, st.integers(1, 3), st.sampled_from([0.0, 1.0, 10.0]))
+@quick
+def test_what_comes_within_reach_of_a_point_of_its_block_is_never_left_out(seed, d, reach):
+    points = clusters(seed, n=200, d=d)
+    m, blocks = start_on(points, 6, seed), blocks_of(quadratic_features(points), np.ones(200), 25)
+    UPDATES["batch"].expect(m, blocks)
+    for block, near in zip(
+        blocks.features[:, 1 : 1 + d].swapaxes(1, 2), UPDATES["batch"].within_reach(m, blocks, reach), strict=True
+    ):
+        within = m.log_joint(block).max(axis=1) > m.log_density(block).min() - reach + 1e-6
+        assert set(within.nonzero()[0]) <= set(near)
+
+
 @given(SEEDS)
 @quick
 def test_sums_of_the_batch_e_step_against_a_loop(seed):

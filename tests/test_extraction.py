@@ -242,9 +242,12 @@ def test_of_removals_that_pay_the_same_the_first_is_taken():
     np.testing.assert_array_equal(taken, np.arange(29))
 
 
-def test_where_all_stands_on_one_place_nothing_is_taken():
-    spot = GaussianMixture([0.5, 0.5], [[1.0], [1.0]], [[[1.0]], [[2.0]]])
-    assert extract_changes(spot.subset(0), spot).indices.size == 0
+@pytest.mark.parametrize("places", [[[0.0], [0.0]], [[-1.0], [1.0]]], ids=["both here", "both as far"])
+def test_a_removal_that_changes_nothing_is_not_made(places):
+    after = GaussianMixture([0.5, 0.5], places, [[[1.0]], [[2.0]]])
+    taken = extract_changes(GaussianMixture([1.0], [[0.0]], [[[1.0]]]), after).indices
+    assert taken.size == 0
+    assert taken.dtype == np.intp
 
 
 def test_a_single_component_cannot_be_taken():

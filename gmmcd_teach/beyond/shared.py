@@ -21,6 +21,7 @@ from gmmcd_teach.filtering import voxel_downsample
 from gmmcd_teach.lab.pair import DepthFrame
 from gmmcd_teach.mixture import GaussianMixture, floats
 
+SEEN_THROUGH = 0.25  # share of a component that the other scan must have looked past, for it to have changed
 TOL = 1e-4  # the floor blurs what more steps of EM would tell
 
 
@@ -119,7 +120,7 @@ def detect_shared(
     gone = changed_components(held[0], met[1], share, false_alarms)[0]
     come = changed_components(met[0], held[1], share, false_alarms)[1]
     for i, changed in enumerate((gone, come)):
-        changed &= (past[i] >= np.maximum(met[i], 1)) & (sides[i].weights > 0)
+        changed &= (past[i] >= np.maximum(met[i], SEEN_THROUGH * held[i])) & (sides[i].weights > 0)
     watch("compare")
     return Detection(
         come[sides[1].assign(clouds[1])],

@@ -339,6 +339,22 @@ def test_the_history_tells_the_path(update, seed, k_min, cells):
     assert fit.description_length == pytest.approx(description_length(fit.mixture, points), rel=1e-12)
 
 
+@pytest.mark.parametrize("init", ["random", "kmeans++"])
+def test_the_path_begins_at_the_start_that_is_asked_for(init):
+    points, counts = clusters(2), np.ones(400)
+    points -= np.median(points, axis=0)
+    start = starting_mixture(points, counts, 6, init, 1e-6, np.random.default_rng(4))
+    history = fit_mixture(points, 6, init=init, rng=4).history
+    assert history[0].log_likelihood == pytest.approx(start.log_likelihood(points), rel=1e-12)
+
+
+def test_the_settings_of_the_paper_and_seed_0_where_nothing_else_is_asked_for():
+    points = clusters(3, n=150)
+    told = fit_mixture(points, max_components=25, min_components=1, tol=1e-5, rng=0, covariance_floor=1e-6)
+    assert fit_mixture(points).history == told.history
+    assert len(fit_mixture(points, 2, 2, tol=0).history) == 101  # the start and L = 100 M-steps
+
+
 @BOTH_UPDATES
 def test_em_stops_at_the_first_change_below_the_tolerance(update):
     history = fit_mixture(clusters(1), 3, 3, update=update, tol=1e-3).history

@@ -760,6 +760,7 @@ def test_the_hard_set_is_reported(record_property):
         ({"cell_size": 0}, "cell_size = 0; expected metres above 0, or None"),
         ({"cell_size": -1.0}, "cell_size = -1.0"),
         ({"cell_size": np.nan}, "cell_size = nan"),
+        ({"cell_size": np.inf}, "cell_size = inf"),
         ({"cell_size": "2 cm"}, "cell_size = '2 cm'"),
         ({"covariance_floor": -1e-6}, "covariance_floor = -1e-06; expected a number of at least 0"),
         ({"covariance_floor": np.inf}, "covariance_floor = inf"),

@@ -680,6 +680,24 @@ def test_kmeans_plus_plus_draws_distinct_places_where_it_can():
     np.testing.assert_array_equal(same.means, np.zeros((3, 1)))
 
 
+def test_a_random_start_draws_points_without_replacement_by_their_weights():
+    points, counts = clusters(14, n=12), np.arange(1.0, 13.0)
+    chosen = np.random.default_rng(3).choice(12, size=10, replace=False, p=counts / counts.sum())
+    start = starting_mixture(points, counts, 10, "random", 0.0, np.random.default_rng(3))
+    np.testing.assert_array_equal(start.means, points[chosen])
+    assert len(np.unique(start.means, axis=0)) == 10
+
+
+@pytest.mark.parametrize("init", ["random", "kmeans++"])
+@pytest.mark.parametrize("unit", [2.0**-10, 2.0**10])
+def test_a_start_does_not_depend_on_the_unit(init, unit):
+    points, counts = clusters(15), np.ones(400)
+    here, there = (
+        starting_mixture(scale * points, counts, 8, init, 0.0, np.random.default_rng(5)) for scale in (1, unit)
+    )
+    np.testing.assert_array_equal(there.means, unit * here.means)
+
+
 def test_kmeans_plus_plus_prefers_far_points():
     points = np.concatenate([np.zeros(99), [10.0]])[:, None] + 1e-3 * np.arange(100)[:, None]
     hits = [

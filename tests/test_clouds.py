@@ -295,7 +295,10 @@ BAD_FILES = {
         ply("binary_little_endian", bytes(99), before="element face 1\nproperty list uchar int i\n"),
         "list properties before",
     ),
-    "noz.ply": (ply("ascii", b"1 2\n" * 3).replace(b"property double z\n", b""), "no column 'z'"),
+    "noz.ply": (
+        ply("ascii", b"1 2\n" * 3).replace(b"property double z\n", b""),
+        "no column 'z' among x, y; expected x, y and z",
+    ),
     "short.ply": (ply("ascii", ROWS, n=4), "announces 4 vertices"),
     "cut.ply": (ply("binary_big_endian", POINTS.astype(">f8").tobytes()[:-1]), "truncated"),
     "billion.ply": (ply("binary_little_endian", POINTS.tobytes(), n=10**9), "1000000000 points announced"),

@@ -374,6 +374,17 @@ def test_without_a_tolerance_every_k_gets_all_its_steps(update):
 
 
 @BOTH_UPDATES
+def test_where_components_die_the_steps_count_anew(update):
+    history = fit_mixture(clusters(0, n=50, d=3), 10, tol=0, max_iter=7, update=update).history
+    assert "annihilated" in {record.event for record in history}
+    steps = 0
+    for record, following in pairwise((*history, None)):
+        steps = steps + 1 if record.event == "step" else int(record.event == "annihilated")
+        if following is None or following.event == "removed":
+            assert steps == 7
+
+
+@BOTH_UPDATES
 @given(seed=SEEDS, k_min=st.integers(1, 6))
 @quick
 def test_annihilation_never_leaves_fewer_than_asked_for(update, seed, k_min):

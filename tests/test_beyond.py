@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import linprog
+from scipy.sparse import csr_matrix
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
@@ -19,6 +20,7 @@ from gmmcd_teach import (
 )
 from gmmcd_teach.beyond.alignment import align
 from gmmcd_teach.beyond.baselines import along_normals, detect_c2c, detect_occupancy, m3c2_distances
+from gmmcd_teach.beyond.recommended import FEWEST, without_specks
 from gmmcd_teach.beyond.shared import (
     changed_components,
     one_side,
@@ -30,7 +32,7 @@ from gmmcd_teach.beyond.shared import (
 from gmmcd_teach.beyond.surface import point_spacing, surface_of
 from gmmcd_teach.beyond.visibility import ANSWERS, judge, looks_from, looks_of_frames
 from gmmcd_teach.filtering import voxel_downsample
-from gmmcd_teach.lab import DepthFrame, ScenePair, tabletop_pair
+from gmmcd_teach.lab import DepthFrame, ScenePair, static_pair, tabletop_pair
 from gmmcd_teach.lab.tabletop import TABLETOP_PAIRS, tabletop_available
 from gmmcd_teach.study.scans import backwards
 from gmmcd_teach.study.scores import score
@@ -384,6 +386,31 @@ def test_recommended_on_the_table() -> None:
     scores = np.array([point_scores(tabletop_pair(name), **camera) for name in TABLETOP_PAIRS])
     assert scores.min() >= 0.95
     assert (scores.mean(axis=0) >= 0.98).all()
+
+
+@pytest.mark.slow
+def test_recommended_is_silent_in_a_real_room_where_nothing_changed() -> None:
+    try:
+        pair = static_pair()
+    except CloudError:
+        pytest.skip("no real static room on this machine")
+    found = detect_changes(
+        pair.before,
+        pair.after,
+        method="recommended",
+        before_origin=pair.before_frames[0].pose[:3, 3],
+        after_origin=pair.after_frames[0].pose[:3, 3],
+    )
+    assert not found.appeared.any()
+    assert not found.disappeared.any()
+
+
+def test_a_patch_needs_evidence_of_its_own() -> None:
+    line = np.arange(120)
+    graph = csr_matrix((np.ones(119), (line[:-1], line[1:])), shape=(120, 120))
+    changed = (line < 40) | ((line >= 50) & (line < 90)) | (line >= 100)  # three patches of 40, 40 and 20 cells
+    evidence = (line < FEWEST) | ((line >= 50) & (line < 50 + FEWEST - 1)) | (line >= 100)
+    np.testing.assert_array_equal(without_specks(changed, evidence, graph + graph.T), line < 40)
 
 
 @pytest.mark.slow

@@ -9,7 +9,8 @@ stayed; one that is hidden only behind something new need not have stayed. So th
 All lengths follow from the data: the spacing of the points, and how far the aligned clouds are apart. The constants
 below were set on scenes of the simulated lab with seeds from 1000 on, which no score of the book uses. Four of them,
 TYPICAL, STAYED, HIDDEN and SEAM, were chosen with an eye on the real table-top scans, too, the scored pairs among
-them: the scores on those are not those of data never seen.
+them: the scores on those are not those of data never seen. That FEWEST counts cells with evidence of their own, and not
+all that it has spread to, was found on the real static room.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ SMOOTH = 0.94  # cosine between neighbouring normals (20 degrees) below which a 
 SEAM = 3e-4  # how well a seam conducts, beside 1 for a smooth surface
 STAYED, HIDDEN, UNTOLD = 0.1, 1e-3, 1e-4  # pull of evidence, beside 1 for a cell that was looked past
 VOTES = 0.05  # share of the frames that must have looked past: each has a pose error of its own
-FEWEST = 25  # cells: smaller specks are outlines and stray points
+FEWEST = 25  # cells with evidence of change: patches with fewer are outlines and stray points
 ROUNDS = 3  # how often what has changed is taken back as an explanation
 
 
@@ -52,6 +53,10 @@ class Evidence(NamedTuple):
     partner: Indices
     hidden: Bools
     hider: Indices
+
+    def of_change(self, changed: Bools) -> Bools:
+        """(M,) cells that were looked past, or are hidden by what has itself changed, (L,) of the other cloud."""
+        return self.past | (self.hidden & changed[self.hider])
 
 
 def detect_recommended(
@@ -115,8 +120,10 @@ def detect_recommended(
     heat = [np.zeros(len(side.centroids)) for side in sides]
     for _ in range(ROUNDS):
         heat = [spread(graphs[me], evidence[me], heat[me], heat[you] > 0.5) for me, you in ((0, 1), (1, 0))]
+    changed = [x > 0.5 for x in heat]
     gone, come = (
-        without_specks(x > 0.5, graph)[side.membership] for x, graph, side in zip(heat, graphs, sides, strict=True)
+        without_specks(changed[me], evidence[me].of_change(changed[you]), graphs[me])[sides[me].membership]
+        for me, you in ((0, 1), (1, 0))
     )
     return finished(come, gone, watch)
 
@@ -198,12 +205,12 @@ def spread(graph: csr_matrix, evidence: Evidence, start: Floats, changed: Bools)
     return np.asarray(cg(system, up, x0=start, rtol=1e-4, maxiter=2000, M=diags(1 / system.diagonal()))[0])
 
 
-def without_specks(changed: Bools, graph: csr_matrix) -> Bools:
-    """(M,) `changed` without the connected patches of fewer than FEWEST cells."""
+def without_specks(changed: Bools, evidence: Bools, graph: csr_matrix) -> Bools:
+    """(M,) `changed` without the connected patches that have `evidence` (M,) of change in fewer than FEWEST cells."""
     cells = np.flatnonzero(changed)
     if not cells.size:
         return changed
     patch = connected_components(graph[cells][:, cells], directed=False)[1]
     kept = np.zeros_like(changed)
-    kept[cells[np.bincount(patch)[patch] >= FEWEST]] = True
+    kept[cells[np.bincount(patch, evidence[cells])[patch] >= FEWEST]] = True
     return kept

@@ -57,9 +57,9 @@ def detect_shared(
     max_components : K for each cloud; the common mixture starts with twice as many.
     leaf_size, outlier_filter : thin and filter the clouds first.
     before_origin, after_origin : (3,) metres, and
-    before_frames, after_frames : the depth frames: where one of the two is told, a component must have been looked
-        past by the other scan to have changed, at least as much of it as was met again; and patches that the other
-        scan has there count only where they were met again, not where they are new or have come out of hiding.
+    before_frames, after_frames : the depth frames: where one of the two is told, a component has changed only if the
+        other scan looked past a quarter of its patches, and past no fewer than it met again; and patches of the other
+        scan count only where they were met again, not where they are new or have come out of hiding.
     rng, progress : seed of the start of EM; show how far it has come.
     alignment_error : metres, how far the clouds may be off each other.
     share : of a component's patches that one cloud must hold for the other to lack it, above 0.5. None takes 0.7, or
@@ -189,6 +189,12 @@ def one_side(mixture: GaussianMixture, held: Floats, patches: Floats, fewest: fl
     """The mixture with the weights of one scan: the share of its patches (M, D) that each component holds, (K,).
 
     As in EM, a component with too little support is annihilated (Eq. 12), and its patches go to the others.
+
+    Examples
+    --------
+    >>> pair = GaussianMixture([0.5, 0.5], [[0.0], [9.0]], [[[1.0]], [[1.0]]])
+    >>> one_side(pair, np.array([3.0, 1.0]), np.array([[0.1], [0.2], [-0.1], [9.0]]), fewest=2).weights
+    array([1., 0.])
     """
     own = GaussianMixture(held / held.sum(), mixture.means, mixture.covariances)
     counts = np.bincount(own.assign(patches), minlength=len(held))

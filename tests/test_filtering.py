@@ -197,10 +197,13 @@ def test_bad_leaf(leaf):
         voxel_downsample(np.ones((3, 3)), leaf)
 
 
-@pytest.mark.parametrize("leaf", [1e-300, 5e-324, 1e-17])
-def test_leaf_too_small_for_the_cloud(leaf):
-    with pytest.raises(CloudError, match="reach too far"):
-        voxel_downsample([[1.0, 2, 3], [1e10, 0, 0]], leaf)
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("leaf", [1e-300, 5e-324, 1e-17, 1e-6])
+def test_leaf_too_small_for_the_cloud(leaf, side):
+    points = np.array([[1.0, 2, 3], [side * 1e10, 0, 0]])  # 10^16 micrometres are more than 2^53
+    assert len(voxel_downsample(points, 2e-6).counts) == 2
+    with pytest.raises(CloudError, match=f"^points: reach too far for cells of {leaf} m; expected a larger leaf"):
+        voxel_downsample(points, leaf)
 
 
 @pytest.mark.parametrize("n_neighbors", [0, -1, 2.5, "5", None])

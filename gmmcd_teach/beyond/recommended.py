@@ -33,6 +33,7 @@ from gmmcd_teach.beyond.visibility import looks
 from gmmcd_teach.clouds import Floats, check_points
 from gmmcd_teach.detection import Bools, Detection, Stopwatch
 from gmmcd_teach.lab.pair import DepthFrame
+from gmmcd_teach.lab.shapes import transform
 
 CELL = 2.0  # edge of a cell, in spacings of the points
 SIGMAS = 4.0  # surfaces nearer than this many standard deviations are one surface
@@ -101,8 +102,8 @@ def detect_recommended(
     old, new = check_points(before, "before", dimensions=(3,)), check_points(after, "after", dimensions=(3,))
     watch = Stopwatch()
     motion = aligned(new, old) if align else np.eye(4)
-    clouds = old, moved(new, motion)
-    origins = before_origin, None if after_origin is None else moved(np.asarray(after_origin, dtype=float), motion)
+    clouds = old, transform(motion, new)
+    origins = before_origin, None if after_origin is None else transform(motion, after_origin)
     frames = before_frames, after_frames and [replace(f, pose=motion @ f.pose) for f in after_frames]
     leaf = leaf_size or CELL * max(point_spacing(old), point_spacing(new)) or 1.0
     sensors = [sensor_positions(o, f) for o, f in zip(origins, frames, strict=True)]
@@ -126,11 +127,6 @@ def detect_recommended(
         for me, you in ((0, 1), (1, 0))
     )
     return finished(come, gone, watch)
-
-
-def moved(points: Floats, motion: Floats) -> Floats:
-    """(..., 3) points after a rigid motion (4, 4)."""
-    return np.asarray(points @ motion[:3, :3].T + motion[:3, 3])
 
 
 def sensor_positions(origin: ArrayLike | None, frames: Sequence[DepthFrame] | None) -> Floats | None:

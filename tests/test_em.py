@@ -437,8 +437,8 @@ def test_weights_are_repeated_points(update, seed):
     points = clusters(seed, n=80)
     counts = np.random.default_rng(seed).integers(0, 5, 80)
     start = start_on(points, 5)
-    weighted = run_path(points, start, update, counts=counts.astype(float), floor=0.01, max_iter=8, tol=0)
-    repeated = run_path(np.repeat(points, counts, axis=0), start, update, floor=0.01, max_iter=8, tol=0)
+    weighted = run_path(points, start, update, counts=counts.astype(float), floor=0.01, max_iter=4, tol=0)
+    repeated = run_path(np.repeat(points, counts, axis=0), start, update, floor=0.01, max_iter=4, tol=0)
     same_mixture(weighted.mixture, repeated.mixture, rtol=1e-6, atol=1e-6)
     assert weighted.description_length == pytest.approx(repeated.description_length, rel=1e-9)
     assert [r.event for r in weighted.history] == [r.event for r in repeated.history]
@@ -491,7 +491,7 @@ def test_far_from_the_origin_the_mixture_is_the_same_to_the_last_bit(update, ini
 
 @BOTH_UPDATES
 def test_a_seed_gives_the_same_bits(update):
-    points = clusters(6)
+    points = clusters(6, n=200)
     one, two, three = (fit_mixture(points, 6, update=update, rng=rng) for rng in (3, 3, np.random.default_rng(3)))
     for other in (two, three):
         assert other.history == one.history
@@ -749,7 +749,7 @@ def found(draw, seeds) -> np.ndarray:
 
 @pytest.mark.parametrize(("draw", "k"), [(separated, 2), (stacked, 3)])
 def test_the_number_of_components_is_found(draw, k):
-    np.testing.assert_array_equal(found(draw, range(2)), k)
+    np.testing.assert_array_equal(found(draw, range(1)), k)
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from unittest import mock
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,8 @@ from gmmcd_teach import (
     statistical_outlier_mask,
     voxel_downsample,
 )
-from gmmcd_teach.detection import Stopwatch, detect_greedy, prepare
+from gmmcd_teach.detection import Stopwatch, detect_greedy, em_progress, prepare
+from gmmcd_teach.em import Record
 
 
 def shelf(seed: int, n: int = 600) -> np.ndarray:
@@ -160,6 +163,15 @@ def test_progress_is_shown_when_asked_for(capsys, monkeypatch):
     assert "/12" in shown
     assert "K=6" in shown
     assert "K=4" in shown
+
+
+def test_the_bar_advances_once_for_each_number_of_components(monkeypatch):
+    bar = mock.MagicMock()
+    monkeypatch.setattr("gmmcd_teach.detection.progress_bar", lambda **options: bar)
+    with em_progress(12, True) as on_record:
+        for event in ("start", "step", "annihilated", "removed", "step"):
+            on_record(Record(5, 0.0, 0.0, event))
+    assert bar.__enter__().update.call_args_list == [mock.call(1), mock.call(1)]
 
 
 def test_nothing_is_changed_in_place():

@@ -119,7 +119,7 @@ def average_over_cells(points: Floats, features: Floats, counts: Floats, cell_si
     [[1.0, 1.0], [0.2, 1.5], [0.05, 2.25]]
     """
     steps = np.floor((points - points.min(axis=0)) / cell_size)
-    if np.log2(steps.max(axis=0) + 1).sum() > 62:
+    if np.log2(steps.max(axis=0) + 1).sum() > 53:  # beyond, a float no longer counts in ones
         raise CloudError(f"cell_size = {cell_size}: too many cells between the farthest points; take larger cells")
     _, member = np.unique(
         np.ravel_multi_index(steps.astype(np.int64).T, (steps.max(axis=0) + 1).astype(np.int64)), return_inverse=True

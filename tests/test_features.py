@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gmmcd_teach import GaussianMixture, batch, componentwise
-from gmmcd_teach.features import blocks_of, dimensions, neighbourhoods, quadratic_features
+from gmmcd_teach import CloudError, GaussianMixture, batch, componentwise
+from gmmcd_teach.features import average_over_cells, blocks_of, dimensions, neighbourhoods, quadratic_features
 
 SEEDS = st.integers(0, 2**32 - 1)
 few = settings(deadline=None, max_examples=25)
@@ -107,3 +107,11 @@ def test_leaving_out_changes_nothing(seed, d):
         expected = (counts[:, None] * m.responsibilities(points)).T @ phi.T
         np.testing.assert_allclose(sums, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
         assert componentwise.expect(m, blocks)[0] == pytest.approx(log_likelihood, rel=1e-10)
+
+
+@pytest.mark.parametrize("bits", [54, 58, 62, 70, 1000])
+def test_cells_too_many_to_count_are_refused(bits):
+    points = np.array([[0.0], [0.3], [1.0]])
+    with pytest.raises(CloudError, match="too many cells"):
+        average_over_cells(points, quadratic_features(points), np.ones(3), 2.0**-bits)
+    assert average_over_cells(points, quadratic_features(points), np.ones(3), 2.0**-52)[0].shape == (3, 3)

@@ -27,6 +27,7 @@ FIELDS = {
 KEYWORDS_FROM = {"fit_mixture": "tol", "emd": "mass", "extract_changes": "ground", "detect_changes": "method"}
 
 
+@pytest.mark.slow
 def test_the_check_of_the_design(shared):
     script = shared / "checks/contract.py"
     if not script.is_file():

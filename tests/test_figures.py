@@ -412,6 +412,7 @@ def test_an_ellipsoid_is_a_closed_surface():
     assert vertices.shape[1] - len(counts) + len(triangles) == 2
 
 
+@pytest.mark.slow
 def test_the_projection_is_vtks(mixture):
     vtk = pytest.importorskip("vtkmodules.vtkRenderingCore")
     camera = Camera((-2.0, -3.0, 2.5), (0.1, 0.2, 0.3), (0.0, 0.0, 1.0))
@@ -497,6 +498,7 @@ def test_a_view_is_a_lazy_frame_with_words_and_a_still_picture(scene):
     assert len({*ids(html), *ids(scene._repr_html_())}) == 2
 
 
+@pytest.mark.slow
 def test_a_view_loads_nothing(scene, tmp_path):
     saved = scene.save(tmp_path / "view.html").read_text(encoding="utf-8")
     for page in (scene.page, srcdoc(scene._repr_html_()), saved):

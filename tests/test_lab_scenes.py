@@ -64,6 +64,7 @@ def test_every_frame_point_is_one_of_its_frame(scene: str) -> None:
     assert all(point.tobytes() in everything for point in pair.after)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bits() -> None:
     first, again, other = simulate_pair("moved", 5), simulate_pair("moved", 5), simulate_pair("moved", 6)
     for name in ("before", "after", "before_objects", "after_objects", "hidden_before", "hidden_after"):

@@ -50,6 +50,7 @@ def test_ci_runs_the_blocks_of_the_readme() -> None:
     assert shown == "".join(f"== {block}" for block in blocks("sh"))
 
 
+@pytest.mark.slow
 def test_the_example_runs() -> None:
     (example,) = blocks("python")
     code_lines = [line for line in example.splitlines() if line.strip()]

@@ -59,7 +59,7 @@ def fit_mixture(
     tol: float = 1e-5,
     max_iter: int = 100,
     update: str = "batch",
-    init: str = "random",
+    init: str | GaussianMixture = "random",
     point_weights: ArrayLike | None = None,
     cell_size: float | None = None,
     covariance_floor: float = 1e-6,
@@ -78,7 +78,8 @@ def fit_mixture(
     tol : tau: EM at one K ends when the log-likelihood changes by less than this share of itself (Eq. 14: absolute).
     max_iter : L, the most M-steps at each K.
     update : "batch" changes all components at once (the paper), "componentwise" one after the other (its code).
-    init : "random" or "kmeans++", how the first means are drawn from the points.
+    init : "random" or "kmeans++", how the first means are drawn from the points; or the mixture to start from, of
+        max_components components.
     point_weights : (N,) how many points each one stands for; N in the description length is their sum.
     cell_size : metres: follow the path on the averages over cubes of this size, then polish on all points.
     covariance_floor : square metres, added to the diagonal of every covariance.
@@ -100,7 +101,8 @@ def fit_mixture(
     2
     """
     check_options(max_components, min_components, tol, max_iter, update, init, cell_size, covariance_floor)
-    s = check_points(points, minimum=max_components)
+    dimensions = (init.n_dimensions,) if isinstance(init, GaussianMixture) else ()
+    s = check_points(points, minimum=max_components, dimensions=dimensions)
     counts = check_weights(point_weights, len(s), max_components)
     centre = np.median(s, axis=0)  # far from the origin the squares would lose their digits
     s = s - centre
@@ -109,7 +111,10 @@ def fit_mixture(
 
     features = quadratic_features(s)  # (F, N)
     blocks = blocks_of(features, counts)
-    start = starting_mixture(s, counts, max_components, init, covariance_floor, np.random.default_rng(rng))
+    if isinstance(init, GaussianMixture):
+        start = init.moved(-centre)
+    else:
+        start = starting_mixture(s, counts, max_components, init, covariance_floor, np.random.default_rng(rng))
     run = EMRun(UPDATES[update], min_components, tol, max_iter, covariance_floor, on_record)
     if cell_size is None:
         fit = run.path(start, blocks)
@@ -118,8 +123,7 @@ def fit_mixture(
         fit = run.polish(run.path(start, cells), blocks)
     log_likelihood = float(counts @ fit.mixture.log_density(s))  # from each mean: no digits lost to squares
     length = mdl_penalty(fit.mixture.weights, counts.sum(), s.shape[1]) - log_likelihood
-    moved = GaussianMixture(fit.mixture.weights, fit.mixture.means + centre, fit.mixture.covariances)
-    return MixtureFit(moved, length, log_likelihood, fit.history)
+    return MixtureFit(fit.mixture.moved(centre), length, log_likelihood, fit.history)
 
 
 @dataclass(frozen=True)

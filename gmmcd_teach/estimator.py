@@ -13,6 +13,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from gmmcd_teach.clouds import Floats
 from gmmcd_teach.em import fit_mixture
 from gmmcd_teach.mdl import description_length
+from gmmcd_teach.mixture import GaussianMixture
 from gmmcd_teach.starts import check_options, check_weights
 
 
@@ -54,7 +55,7 @@ class MDLGaussianMixture(DensityMixin, ClusterMixin, BaseEstimator):
         tol: float = 1e-5,
         max_iter: int = 100,
         update: str = "batch",
-        init: str = "random",
+        init: str | GaussianMixture = "random",
         cell_size: float | None = None,
         covariance_floor: float = 1e-6,
         random_state: Any = None,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gmmcd_teach.clouds import CloudError, Floats
 from gmmcd_teach.mixture import GaussianMixture
 
-BLOCK = 2_500  # most points worked on at a time: their densities under dozens of components fit the cache
+BLOCK = 5_000  # most points worked on at a time: they and their densities under 25 components about fit the cache
 
 
 class Blocks(NamedTuple):

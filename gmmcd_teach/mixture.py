@@ -130,6 +130,13 @@ class GaussianMixture:
             raise CloudError("mixture subset: no component of positive weight left; keep at least one")
         return GaussianMixture(weights / weights.sum(), self.means[kept], self.covariances[kept])
 
+    def moved(self, offset: ArrayLike) -> GaussianMixture:
+        """The mixture of the points s + offset, with offset (D,) in metres."""
+        by = floats(offset, "offset")
+        if by.shape != (self.n_dimensions,):
+            raise CloudError(f"offset: shape {by.shape}; expected ({self.n_dimensions},)")
+        return GaussianMixture(self.weights, self.means + by, self.covariances)
+
     def sample(self, n: int, rng: int | np.random.Generator = 0) -> Floats:
         """(n, D) points drawn from the mixture."""
         if not isinstance(n, Integral) or n < 1:

@@ -55,7 +55,7 @@ def check_options(
     tol: float,
     max_iter: int,
     update: str,
-    init: str,
+    init: str | GaussianMixture,
     cell_size: float | None,
     covariance_floor: float,
 ) -> None:
@@ -77,6 +77,10 @@ def check_options(
             raise ValueError(f"{name} = {value!r}; expected a {'whole ' if whole else ''}number of at least {lowest}")
     if min_components > max_components:
         raise ValueError(f"min_components = {min_components}; expected at most max_components = {max_components}")
+    if isinstance(init, GaussianMixture):
+        if init.n_components != max_components:
+            raise ValueError(f"init: a mixture of {init.n_components} components; expected {max_components}")
+        init = INITS[0]
     for name, chosen, allowed in (("update", update, UPDATES), ("init", init, INITS)):
         if chosen not in allowed:
             raise ValueError(f"{name} = {chosen!r}; expected one of {', '.join(map(repr, allowed))}")

@@ -348,6 +348,26 @@ def test_the_path_begins_at_the_start_that_is_asked_for(init):
     assert history[0].log_likelihood == pytest.approx(start.log_likelihood(points), rel=1e-12)
 
 
+@pytest.mark.parametrize("update", UPDATES)
+def test_the_path_may_begin_at_a_mixture_that_is_given(update):
+    points, away = clusters(2), np.array([0.0, 50.0])
+    start = start_on(points, 6)
+    fit = fit_mixture(points + away, 6, init=start.moved(away), update=update)
+    assert fit.history[0].log_likelihood == pytest.approx(start.log_likelihood(points), rel=1e-9)
+    again = fit_mixture(points + away, fit.mixture.n_components, init=fit.mixture, update=update)
+    np.testing.assert_allclose(again.mixture.means, fit.mixture.means, atol=0.05)
+
+
+def test_a_mixture_that_cannot_be_a_start_is_refused():
+    start = start_on(clusters(2), 6)
+    with pytest.raises(ValueError, match=r"^init: a mixture of 6 components; expected 25$"):
+        fit_mixture(clusters(2), init=start)
+    with pytest.raises(CloudError, match=r"points: shape \(400, 3\); expected \(N, D\) with D = 2"):
+        fit_mixture(clusters(2, d=3), 6, init=start)
+    with pytest.raises(ValueError, match=r"^update = GaussianMixture"):
+        fit_mixture(clusters(2), 6, update=start)
+
+
 def test_the_settings_of_the_paper_and_seed_0_where_nothing_else_is_asked_for():
     points = clusters(3, n=150)
     told = fit_mixture(points, max_components=25, min_components=1, tol=1e-5, rng=0, covariance_floor=1e-6)

@@ -158,6 +158,15 @@ def test_subset_keeps_the_named_components_in_the_named_order():
     assert m.subset(1).n_components == 1
 
 
+def test_a_moved_mixture_is_that_of_the_moved_points():
+    m = random_mixture(np.random.default_rng(3), 4, 2)
+    points, away = np.random.default_rng(4).normal(size=(50, 2)), np.array([3.0, -40.0])
+    np.testing.assert_allclose(m.moved(away).log_density(points + away), m.log_density(points), rtol=1e-9)
+    for offset in (1.0, [1.0], [1.0, 2.0, 3.0], [[1.0, 2.0]]):
+        with pytest.raises(CloudError, match=r"^offset: shape \(.*\); expected \(2,\)"):
+            m.moved(offset)
+
+
 def test_a_mixture_does_not_change_and_shares_no_memory():
     weights = np.array([0.5, 0.5])
     m = GaussianMixture(weights, [[0], [1]], [[[1]], [[1]]])

@@ -38,7 +38,6 @@ from gmmcd_teach.study import (
     Interval,
     at_edge,
     explained_runs,
-    fit_from,
     growth,
     ledger,
     measured,
@@ -326,13 +325,6 @@ def test_nothing_changed_is_the_sweep():
         assert {name: a[name] for name in a} == pytest.approx({name: b[name] for name in a}, nan_ok=True)
     with pytest.raises(ValueError, match="change = 'luck'; expected one of 'as it is', 'no shadows'"):
         explained_runs("cargo_bag", 1, "luck")
-
-
-def test_a_fit_from_the_true_mixture_stays_there():
-    true = GaussianMixture([0.5, 0.5], [[0.0, 0.0], [9.0, 0.0]], [np.eye(2)] * 2)
-    found = fit_from(true, true.sample(4000, rng=0) + np.array([0.0, 50.0]))
-    assert found.n_components == 2
-    np.testing.assert_allclose(found.means[np.argsort(found.means[:, 0])], [[0, 50], [9, 50]], atol=0.1)
 
 
 def test_what_is_left_out_and_what_has_stayed():

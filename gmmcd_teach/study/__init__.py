@@ -1,7 +1,7 @@
 """Experiments over seeds, with scores and intervals; the paper measured anew (chapters 10 to 12) and its ledger."""
 
 from gmmcd_teach.study.claims import CLAIMS, RULES, VERDICTS, Claim, verdict
-from gmmcd_teach.study.explain import CHANGES, explained_runs, fit_from, only
+from gmmcd_teach.study.explain import CHANGES, explained_runs, only
 from gmmcd_teach.study.fragments import merge_fragments, merged_confusion
 from gmmcd_teach.study.grids import GRIDS, LEAF, LEAVES, SIZES, measured
 from gmmcd_teach.study.intervals import Interval, mean_interval, summary
@@ -31,7 +31,6 @@ __all__ = [
     "backwards",
     "component_confusion",
     "explained_runs",
-    "fit_from",
     "growth",
     "harmonic_bounds",
     "ledger",

@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gmmcd_teach.clouds import Floats
 from gmmcd_teach.detection import Detection, prepare
-from gmmcd_teach.em import UPDATES, EMRun, fit_mixture
+from gmmcd_teach.em import fit_mixture
 from gmmcd_teach.extraction import extract_changes
-from gmmcd_teach.features import blocks_of, quadratic_features
 from gmmcd_teach.lab.pair import ScenePair
 from gmmcd_teach.mixture import GaussianMixture
 from gmmcd_teach.study.scans import scan
@@ -57,7 +55,7 @@ def explained_runs(
     thin = [prepare(cloud, leaf_size, False) for cloud in (pair.before, pair.after)]
     old = fit_mixture(thin[0], max_components, rng=rng).mixture
     if change == "one start":
-        new = fit_from(old, thin[1])
+        new = fit_mixture(thin[1], old.n_components, init=old).mixture
     elif change == "one fit":
         things = prepare(pair.after[pair.appeared], leaf_size, False)
         most = min(4 * len(pair.object_names), len(things))
@@ -68,22 +66,6 @@ def explained_runs(
     claimed = np.isin(new.assign(pair.after), taken)
     detection = Detection(claimed, np.zeros(len(pair.before), dtype=bool), old, new, taken)
     return scored_rows(detection, pair, (pair.before, pair.after))
-
-
-def fit_from(start: GaussianMixture, points: Floats) -> GaussianMixture:
-    """Fit as `fit_mixture` does, with its settings, but from this mixture and not from a random one.
-
-    Examples
-    --------
-    >>> cloud = np.random.default_rng(0).normal(size=(500, 2))
-    >>> fit_from(fit_mixture(cloud, 3).mixture, cloud + 1).n_components
-    1
-    """
-    centre = np.median(points, axis=0)
-    moved = GaussianMixture(start.weights, start.means - centre, start.covariances)
-    blocks = blocks_of(quadratic_features(points - centre), np.ones(len(points)))
-    found = EMRun(UPDATES["batch"], min_components=1, tol=1e-5, max_iter=100, covariance_floor=1e-6).path(moved, blocks)
-    return GaussianMixture(found.mixture.weights, found.mixture.means + centre, found.mixture.covariances)
 
 
 def only(pair: ScenePair, before: NDArray[np.bool_], after: NDArray[np.bool_]) -> ScenePair:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import count
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from tests.benchmarks.timing import Ratio, medians
 
 
 def measure(quick: bool) -> Iterator[Ratio]:
-    """A line for the frames and one for the map, each call from another start of EM."""
+    """Two lines for the frames, the second on cells first, and one for the map; each call starts EM anew."""
     k = 5 if quick else 25
     frames = scan("cargo_bag", 0)
     larger = frames if quick else scan("two_objects", 0)
@@ -24,20 +25,22 @@ def measure(quick: bool) -> Iterator[Ratio]:
         {
             "scikit-learn": scikit(k, frames.after - np.median(frames.after, axis=0)),
             "frames": detecting(frames, k),
+            "cells": detecting(frames, k, cell_size=0.025),
             "map": detecting(larger, k),
         },
         1 if quick else 5,
     )
-    share = seconds["frames"] / (25 * seconds["scikit-learn"])
-    yield Ratio("single frames: time of 25 scikit-learn iterations", share, 1.0, at_most=True)
+    for name, clouds in (("frames", "single frames"), ("cells", "frames, cells of 25 mm")):
+        share = seconds[name] / (25 * seconds["scikit-learn"])
+        yield Ratio(f"{clouds}: time of 25 scikit-learn iterations", share, 1.0, at_most=True)
     per_point = (seconds["map"] / n_points(larger)) / (seconds["frames"] / n_points(frames))
     yield Ratio("map: time for each point, times that of the frames", per_point, 1.3, at_most=True)
 
 
-def detecting(pair: ScenePair, k: int) -> Callable[[], Detection]:
+def detecting(pair: ScenePair, k: int, **options: Any) -> Callable[[], Detection]:
     """`detect_changes` on all points of a pair, with a new seed at each call."""
     seeds = count()
-    return lambda: detect_changes(pair.before, pair.after, max_components=k, rng=next(seeds))
+    return lambda: detect_changes(pair.before, pair.after, max_components=k, rng=next(seeds), **options)
 
 
 def n_points(pair: ScenePair) -> int:

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gmmcd_teach.clouds import Floats, check_points
+from gmmcd_teach.clouds import CloudError, Floats, check_points
 from gmmcd_teach.em import Record, fit_mixture
 from gmmcd_teach.extraction import extract_changes
 from gmmcd_teach.filtering import statistical_outlier_mask, voxel_downsample
-from gmmcd_teach.mixture import GaussianMixture
+from gmmcd_teach.mixture import GaussianMixture, generator
 from gmmcd_teach.pca import principal_axes
 from gmmcd_teach.progress import progress_bar
 
@@ -114,7 +114,7 @@ def detect_greedy(
     """
     old_cloud = check_points(before, "before")
     clouds = old_cloud, check_points(after, "after", dimensions=old_cloud.shape[1:])
-    rng = np.random.default_rng(rng)
+    rng = generator(rng)
     watch = Stopwatch()
     filtered = [prepare(cloud, leaf_size, outlier_filter) for cloud in clouds]
     watch("filter")
@@ -127,7 +127,8 @@ def detect_greedy(
     watch("pca")
     with em_progress(2 * max_components, progress) as on_record:
         old, new = (
-            fit_mixture(s, max_components, rng=rng, on_record=on_record, **em_options).mixture for s in filtered
+            fit_named(name, s, max_components, rng=rng, on_record=on_record, **em_options)
+            for name, s in zip(("before", "after"), filtered, strict=True)
         )
     watch("em")
     appeared = extract_changes(old, new, ground=ground, mass=mass).indices
@@ -142,6 +143,22 @@ def detect_greedy(
         disappeared,
         watch.seconds,
     )
+
+
+def fit_named(name: str, points: Floats, max_components: int, **options: Any) -> GaussianMixture:
+    """The mixture of a cloud, by `fit_mixture`; a CloudError says which cloud could not be fitted.
+
+    Examples
+    --------
+    >>> fit_named("after", np.zeros((9, 3)), 10)
+    Traceback (most recent call last):
+        ...
+    gmmcd_teach.clouds.CloudError: after: 9 points; at least 10 needed
+    """
+    try:
+        return fit_mixture(points, max_components, **options).mixture
+    except CloudError as error:
+        raise CloudError(f"{name}: {str(error).removeprefix('points: ')}") from None
 
 
 @contextmanager

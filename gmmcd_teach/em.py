@@ -17,7 +17,7 @@ from gmmcd_teach import batch, componentwise
 from gmmcd_teach.clouds import CloudError, check_points
 from gmmcd_teach.features import Blocks, average_over_cells, blocks_of, quadratic_features
 from gmmcd_teach.mdl import mdl_penalty
-from gmmcd_teach.mixture import LARGEST, GaussianMixture
+from gmmcd_teach.mixture import LARGEST, GaussianMixture, generator
 from gmmcd_teach.starts import check_options, check_weights, starting_mixture
 
 UPDATES: dict[str, ModuleType] = {"batch": batch, "componentwise": componentwise}
@@ -114,7 +114,7 @@ def fit_mixture(
     if isinstance(init, GaussianMixture):
         start = init.moved(-centre)
     else:
-        start = starting_mixture(s, counts, max_components, init, covariance_floor, np.random.default_rng(rng))
+        start = starting_mixture(s, counts, max_components, init, covariance_floor, generator(rng))
     run = EMRun(UPDATES[update], min_components, tol, max_iter, covariance_floor, on_record)
     if cell_size is None:
         fit = run.path(start, blocks)

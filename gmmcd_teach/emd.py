@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
 from gmmcd_teach.clouds import CloudError, Floats
-from gmmcd_teach.mixture import GaussianMixture, floats
+from gmmcd_teach.mixture import GaussianMixture, check_mixture, floats
 
 MASSES = ("normalized", "partial")
 
@@ -84,7 +84,7 @@ def mean_distances(p: GaussianMixture, q: GaussianMixture) -> Floats:
     Raises
     ------
     CloudError
-        The mixtures differ in dimension.
+        Not two mixtures of the same dimension.
 
     Examples
     --------
@@ -104,7 +104,7 @@ def bures_distances(p: GaussianMixture, q: GaussianMixture) -> Floats:
     Raises
     ------
     CloudError
-        The mixtures differ in dimension.
+        Not two mixtures of the same dimension.
 
     Examples
     --------
@@ -173,5 +173,6 @@ def _masses(weights: ArrayLike, name: str) -> Floats:
 
 
 def _same_dimensions(p: GaussianMixture, q: GaussianMixture) -> None:
+    p, q = check_mixture(p, "p"), check_mixture(q, "q")
     if p.n_dimensions != q.n_dimensions:
         raise CloudError(f"mixtures of {p.n_dimensions} and {q.n_dimensions} dimensions; expected the same")

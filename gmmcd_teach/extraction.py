@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gmmcd_teach.clouds import Floats
 from gmmcd_teach.emd import GROUNDS, MASSES, Transport, emd
-from gmmcd_teach.mixture import GaussianMixture
+from gmmcd_teach.mixture import GaussianMixture, check_mixture
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ def extract_changes(
     Raises
     ------
     CloudError
-        The mixtures differ in dimension.
+        Not two mixtures of the same dimension.
     ValueError
         An unknown ground distance or mass; the message names those allowed.
 
@@ -59,6 +59,7 @@ def extract_changes(
         raise ValueError(f"ground = {ground!r}; expected one of {', '.join(map(repr, GROUNDS))}")
     if mass not in MASSES:
         raise ValueError(f"mass = {mass!r}; expected one of {', '.join(map(repr, MASSES))}")
+    before, after = check_mixture(before, "before"), check_mixture(after, "after")
     cost = GROUNDS[ground](before, after)  # (K, L)
     here = emd(before.weights, after.weights, cost, mass=mass)
     left = np.arange(after.n_components)  # components not taken yet

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gmmcd_teach.clouds import check_points
-from gmmcd_teach.mixture import GaussianMixture
+from gmmcd_teach.mixture import GaussianMixture, check_mixture
 
 
 def n_parameters(n_dimensions: int) -> int:
@@ -42,7 +42,7 @@ def description_length(mixture: GaussianMixture, points: ArrayLike) -> float:
     Raises
     ------
     CloudError
-        The points, (N, D) in metres, cannot be used or do not have the mixture's dimension.
+        No mixture; or the points, (N, D) in metres, cannot be used or do not have its dimension.
 
     Examples
     --------
@@ -50,5 +50,5 @@ def description_length(mixture: GaussianMixture, points: ArrayLike) -> float:
     >>> round(description_length(one, np.zeros((12, 1))), 4)
     12.5273
     """
-    s = check_points(points)
+    s, mixture = check_points(points), check_mixture(mixture, "mixture")
     return mdl_penalty(mixture.weights, len(s), mixture.n_dimensions) - mixture.log_likelihood(s)

@@ -141,7 +141,7 @@ class GaussianMixture:
         """(n, D) points drawn from the mixture."""
         if not isinstance(n, Integral) or n < 1:
             raise ValueError(f"n = {n!r}; expected a whole number of at least 1")
-        rng = np.random.default_rng(rng)
+        rng = generator(rng)
         k = rng.choice(self.n_components, size=n, p=self.weights)  # (n,)
         noise = rng.standard_normal((n, self.n_dimensions, 1))
         return self.means[k] + (cholesky_factors(self.covariances)[k] @ noise)[..., 0]
@@ -169,6 +169,34 @@ def floats(values: ArrayLike, name: str) -> Floats:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise CloudError(f"{name}: not an array of numbers") from None
+
+
+def generator(rng: int | np.random.Generator) -> np.random.Generator:
+    """The generator itself, or one from a seed; a ValueError says what can be one.
+
+    Examples
+    --------
+    >>> generator(0).integers(10) == generator(np.random.default_rng(0)).integers(10)
+    True
+    """
+    try:
+        return np.random.default_rng(rng)
+    except (TypeError, ValueError):
+        raise ValueError(f"rng = {rng!r}; expected a whole number of at least 0, or a Generator") from None
+
+
+def check_mixture(value: object, name: str) -> GaussianMixture:
+    """The mixture, or a CloudError that names the argument that is none.
+
+    Examples
+    --------
+    >>> check_mixture(GaussianMixture([1.0], [[0.0]], [[[1.0]]]), "before").n_components
+    1
+    """
+    if not isinstance(value, GaussianMixture):
+        instead = ", its .mixture" if isinstance(getattr(value, "mixture", None), GaussianMixture) else ""
+        raise CloudError(f"{name}: {type(value).__name__}; expected a GaussianMixture{instead}")
+    return value
 
 
 def cholesky_factors(covariances: Floats) -> Floats:

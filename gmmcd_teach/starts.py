@@ -22,6 +22,11 @@ def starting_mixture(
     "kmeans++" draws each next mean with a probability that grows with the squared distance to those drawn before
     (Arthur & Vassilvitskii 2007).
 
+    Raises
+    ------
+    ValueError
+        More components than points, none, or an unknown `init`; the message names those allowed.
+
     Examples
     --------
     >>> line = np.arange(10.0)[:, None]
@@ -30,6 +35,10 @@ def starting_mixture(
     (array([0.333, 0.333, 0.333]), array([[0.825]]))
     """
     n, d = points.shape
+    if not 1 <= n_components <= n:
+        raise ValueError(f"n_components = {n_components}; expected 1 to {n}, the number of points")
+    if init not in INITS:
+        raise ValueError(f"init = {init!r}; expected one of {', '.join(map(repr, INITS))}")
     share = counts / counts.sum()
     if init == "random":
         chosen = rng.choice(n, size=n_components, replace=False, p=share)

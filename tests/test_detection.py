@@ -184,8 +184,8 @@ def test_nothing_is_changed_in_place():
 @pytest.mark.parametrize(
     ("before", "options", "error", "words"),
     [
-        (BEFORE[:3], {}, CloudError, "points: 3 points; at least 6 needed"),
-        (BEFORE, {"leaf_size": 100.0}, CloudError, "points: . points; at least 6 needed"),
+        (BEFORE[:3], {}, CloudError, "^before: 3 points; at least 6 needed"),
+        (BEFORE, {"leaf_size": 100.0}, CloudError, "^before: . points; at least 6 needed"),
         (BEFORE[:, :2], {}, CloudError, r"after: shape \(700, 3\); expected \(N, D\) with D = 2"),
         (BEFORE[:, :2], {"n_principal_axes": 2}, CloudError, r"after: shape \(700, 3\)"),
         (BEFORE * np.nan, {}, CloudError, "before: 700 of 700 points hold NaN"),

@@ -358,6 +358,25 @@ def test_the_path_may_begin_at_a_mixture_that_is_given(update):
     np.testing.assert_allclose(again.mixture.means, fit.mixture.means, atol=0.05)
 
 
+@pytest.mark.parametrize("rng", [-1, "luck", 0.5])
+def test_what_is_no_seed_is_refused(rng):
+    with pytest.raises(ValueError, match=r"^rng = .*; expected a whole number of at least 0, or a Generator"):
+        fit_mixture(clusters(2), 3, rng=rng)
+
+
+@pytest.mark.parametrize(
+    ("k", "init", "words"),
+    [
+        (0, "random", "n_components = 0; expected 1 to 400"),
+        (401, "random", "n_components = 401; expected 1 to 400, the number of points"),
+        (3, "kmean", "init = 'kmean'; expected one of 'random', 'kmeans++'"),
+    ],
+)
+def test_a_start_that_cannot_be_made_is_refused(k, init, words):
+    with pytest.raises(ValueError, match="^" + re.escape(words)):
+        starting_mixture(clusters(2), np.ones(400), k, init, 0.0, np.random.default_rng(0))
+
+
 def test_a_mixture_that_cannot_be_a_start_is_refused():
     start = start_on(clusters(2), 6)
     with pytest.raises(ValueError, match=r"^init: a mixture of 6 components; expected 25$"):

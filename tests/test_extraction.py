@@ -9,7 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gmmcd_teach import CloudError, GaussianMixture, emd, extract_changes, mean_distances
+from gmmcd_teach import (
+    CloudError,
+    GaussianMixture,
+    description_length,
+    emd,
+    extract_changes,
+    fit_mixture,
+    mean_distances,
+)
 from gmmcd_teach.extraction import best_removal, removal_bounds
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -268,3 +276,15 @@ def test_mixtures_of_different_dimension_cannot_be_compared():
     flat = GaussianMixture([1.0], [[0.0, 0.0]], [np.eye(2)])
     with pytest.raises(CloudError, match="mixtures of 2 and 3 dimensions"):
         extract_changes(flat, random_mixture(np.random.default_rng(0), 2))
+
+
+def test_what_is_no_mixture_is_named():
+    fit = fit_mixture(np.random.default_rng(0).normal(size=(100, 2)), 2)
+    with pytest.raises(CloudError, match=r"^before: MixtureFit; expected a GaussianMixture, its \.mixture$"):
+        extract_changes(fit, fit.mixture)
+    with pytest.raises(CloudError, match=r"^after: list; expected a GaussianMixture$"):
+        extract_changes(fit.mixture, [fit.mixture])
+    with pytest.raises(CloudError, match=r"^q: MixtureFit; expected"):
+        mean_distances(fit.mixture, fit)
+    with pytest.raises(CloudError, match=r"^mixture: MixtureFit; expected"):
+        description_length(fit, np.zeros((3, 2)))

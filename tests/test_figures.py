@@ -697,3 +697,12 @@ def test_the_scene_comes_to_life_from_a_file(scene, tmp_path, shared):
     assert re.search(
         r'<b style="left: ?25%; top: ?0%;?">before</b><b style="left: ?75%; top: ?0%;?">after</b>', document
     )
+
+
+def test_what_cannot_be_drawn_is_named():
+    with pytest.raises(CloudError, match=r"points: shape \(4,\); expected \(N, D\) with D = 2 or 3"):
+        plot_clouds(np.zeros(4))
+    with pytest.raises(ValueError, match="plane 'xq': name two of the axes x, y, z"):
+        plot_clouds(np.zeros((4, 3)), plane="xq")
+    with pytest.raises(CloudError, match="mixture: dict; expected a GaussianMixture"):
+        plot_mixture({})

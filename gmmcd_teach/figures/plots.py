@@ -14,12 +14,14 @@ from matplotlib.patches import Ellipse
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
+from gmmcd_teach.clouds import check_points
+from gmmcd_teach.mixture import GaussianMixture, check_mixture
+
 from .style import CYCLE, INK, color_of, distinct_colors
 
 if TYPE_CHECKING:
     from gmmcd_teach.em import Record
     from gmmcd_teach.metrics import Confusion
-    from gmmcd_teach.mixture import GaussianMixture
 
 Floats = NDArray[np.float64]
 
@@ -140,9 +142,9 @@ def plot_clouds(
     size : area of a point, square points (1/72 inch).
     max_points : the groups share this many points, small groups first; the others are left out evenly.
     """
-    points = np.asarray(points, dtype=np.float64)
-    ax = _metric_axes(ax, plane)
+    points = check_points(points, minimum=0, dimensions=(2, 3))
     flat = points @ plane_matrix(plane, points.shape[1])  # (N, 2)
+    ax = _metric_axes(ax, plane)
     style: dict[str, Any] = {"s": size, "linewidths": 0, "antialiased": False}
     if values is not None or groups is not None:
         few = evenly(len(points), max_points)
@@ -187,8 +189,8 @@ def plot_mixture(
     groups : one colour per component, the same as plot_clouds(groups=mixture.assign(points)).
     numbers : write each component's index at its mean.
     """
+    matrix = plane_matrix(plane, check_mixture(mixture, "mixture").n_dimensions)
     ax = _metric_axes(ax, plane)
-    matrix = plane_matrix(plane, mixture.means.shape[1])
     means = mixture.means @ matrix  # (K, 2)
     widths, heights, angles = ellipse_axes(matrix.T @ mixture.covariances @ matrix, n_std)
     parts = split(len(means), meaning, masks)

@@ -24,7 +24,7 @@ def _pointing_up(axis: Floats) -> Floats:
 
 
 def widest_axis(points: Floats) -> Floats:
-    """(D,) unit vector along which the cloud varies most; its largest entry is positive."""
+    """(D,) unit vector along which the cloud varies most; its entry of largest absolute value is positive."""
     return _pointing_up(_axes(np.cov(points.T))[0])
 
 
@@ -107,7 +107,8 @@ register(
                 lambda s: _pointing_up(_axes(s.T @ s)[0]),
             ),
             Mistake(
-                "the sign is turned around: an axis has no sign of its own, so make its largest entry positive",
+                "the sign is turned around: an axis has no sign of its own, so make its entry of largest absolute "
+                "value positive",
                 lambda s: -widest_axis(s),
             ),
             Mistake(

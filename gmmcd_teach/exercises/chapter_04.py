@@ -64,6 +64,10 @@ def _guarded(log_densities: Floats, weights: Floats) -> Floats:
     return np.asarray(joint / (np.finfo(float).tiny + joint.sum(axis=1, keepdims=True)))
 
 
+def _one_maximum(log_densities: Floats, weights: Floats) -> Floats:
+    return _underflowing(log_densities - log_densities.max(), weights)
+
+
 def _over_the_points(log_densities: Floats, weights: Floats) -> Floats:
     joint = weights * np.exp(log_densities - log_densities.max())
     return np.asarray(joint / joint.sum(axis=0))
@@ -87,10 +91,13 @@ def _gaussians() -> Iterator[tuple[Floats, Floats, Floats]]:
 
 
 def _log_densities() -> Iterator[tuple[Floats, Floats]]:
-    """The last case lies so far out that every density underflows."""
+    """In the third case a far point stands beside a near one; in the last one every density underflows."""
     rng = np.random.default_rng(0)
-    for far in (0.0, -1.0, -900.0):
-        yield far + rng.normal(size=(5, 3)), np.array([0.6, 0.3, 0.1])
+    weights = np.array([0.6, 0.3, 0.1])
+    for far in (0.0, -1.0):
+        yield far + rng.normal(size=(5, 3)), weights
+    yield np.array([[0.0, -1.0, -2.0], [-900.0, -901.0, -902.0]]), weights
+    yield -900.0 + rng.normal(size=(5, 3)), weights
 
 
 register(
@@ -179,6 +186,11 @@ register(
                 _underflowing,
             ),
             Mistake(
+                "you took the largest log of the whole table off: beside a near point, a far one still underflows to "
+                "0 / 0. Take the largest of each row: axis=1, keepdims=True",
+                _one_maximum,
+            ),
+            Mistake(
                 "adding a tiny number hides the 0 / 0, but far points then belong to nobody: their rows sum to 0. "
                 "Subtract the largest log of each row before exp",
                 _guarded,
@@ -190,10 +202,7 @@ register(
             ),
             Mistake(
                 "you normalised over the points; for each point the K responsibilities sum to 1: axis=1",
-                lambda log_p, a: (
-                    responsibilities(log_p, a) * 0
-                    + (a * np.exp(log_p - log_p.max())) / (a * np.exp(log_p - log_p.max())).sum(axis=0)
-                ),
+                _over_the_points,
             ),
             Mistake(
                 "these rows do not sum to 1: divide by the sum over the components (as erratum C6: the published "

@@ -75,13 +75,25 @@ def at_first_rise(points: Floats, mixture: GaussianMixture, settle: Settle) -> t
     return with_length(points, found[rise - 1])
 
 
+def counted_down(points: Floats, mixture: GaussianMixture, settle: Settle) -> tuple[int, float]:
+    """The mistake of taking the number of the turn for the number of components."""
+    found = []
+    for k in range(mixture.n_components, 0, -1):
+        mixture = settle(points, mixture)
+        found.append((description_length(mixture, points), k))
+        if mixture.n_components > 1:
+            mixture = mixture.subset(np.delete(np.arange(mixture.n_components), mixture.weights.argmin()))
+    length, best = min(found)
+    return best, length
+
+
 def unsettled(points: Floats, mixture: GaussianMixture, settle: Settle) -> tuple[int, float]:
     """The mistake of removing one component after the other with no EM between."""
     return shortest(points, settle(points, mixture), lambda s, m: m)
 
 
 def three_steps(points: Floats, mixture: GaussianMixture) -> GaussianMixture:
-    """EM that is given three steps; the checks use it for `settle`."""
+    """EM that is given three steps; one of the two that the checks use for `settle`."""
     for _ in range(3):
         w = mixture.responsibilities(points)
         support = w.sum(axis=0)
@@ -92,8 +104,22 @@ def three_steps(points: Floats, mixture: GaussianMixture) -> GaussianMixture:
     return mixture
 
 
+def three_steps_and_a_cut(points: Floats, mixture: GaussianMixture) -> GaussianMixture:
+    """As `three_steps`, but components that explain fewer than nine points are dropped: K may fall by itself."""
+    mixture = three_steps(points, mixture)
+    support = mixture.responsibilities(points).sum(axis=0)
+    return mixture.subset(np.flatnonzero(support >= min(9, support.max())))
+
+
 def path_cases() -> Iterator[tuple[Floats, GaussianMixture, Settle]]:
-    """Points in a few groups, and a start with too many components; on the last, every mistake ends elsewhere."""
+    """Each start, once with a `settle` that keeps all components and once with one that drops the weak."""
+    for settle in (three_steps, three_steps_and_a_cut):
+        for points, mixture in starts():
+            yield points, mixture, settle
+
+
+def starts() -> Iterator[tuple[Floats, GaussianMixture]]:
+    """Points in a few groups, and a mixture of too many components; on the last, every mistake ends elsewhere."""
     for seed in (4, 5, 6):
         rng = np.random.default_rng(seed)
         groups = rng.integers(2, 6)
@@ -104,7 +130,7 @@ def path_cases() -> Iterator[tuple[Floats, GaussianMixture, Settle]]:
             ]
         )
         means = points[rng.choice(len(points), 7, replace=False)]
-        yield points, GaussianMixture(np.full(7, 1 / 7), means, np.tile(np.eye(2), (7, 1, 1))), three_steps
+        yield points, GaussianMixture(np.full(7, 1 / 7), means, np.tile(np.eye(2), (7, 1, 1)))
 
 
 register(
@@ -212,6 +238,10 @@ register(
             Mistake(
                 "you stopped when the length rose for the first time. It may fall again: go down to one, then choose",
                 at_first_rise,
+            ),
+            Mistake(
+                "you counted the removals; `settle` may drop components, too, so ask the mixture: n_components",
+                counted_down,
             ),
             Mistake(
                 "EM has to run after each removal: call settle again, so that the others take over the points",

@@ -40,7 +40,7 @@ def _masses() -> Iterator[tuple[Any, ...]]:
         rng = np.random.default_rng(seed)
         k, n = 3, 4
         p, q = rng.dirichlet(np.ones(k)), rng.dirichlet(np.ones(n))
-        yield (p, 0.7 * q, rng.random((k, n))) if seed % 2 == 0 else (0.6 * p, q, rng.random((k, n)))
+        yield (2 * p, 1.4 * q, rng.random((k, n))) if seed % 2 == 0 else (1.2 * p, 2 * q, rng.random((k, n)))
 
 
 def _lines() -> Iterator[tuple[Any, ...]]:
@@ -65,6 +65,17 @@ def _on_the_heavier_side(p: Floats, q: Floats, cost: Floats) -> tuple[Floats, Fl
 
 def _always_on_q(p: Floats, q: Floats, cost: Floats) -> tuple[Floats, Floats, Floats]:
     return p, np.append(q, p.sum() - q.sum()), np.column_stack([cost, np.zeros(len(p))])
+
+
+def _rest_to_one(p: Floats, q: Floats, cost: Floats) -> tuple[Floats, Floats, Floats]:
+    if p.sum() > q.sum():
+        return p, np.append(q, 1 - q.sum()), np.column_stack([cost, np.zeros(len(p))])
+    return np.append(p, 1 - p.sum()), q, np.vstack([cost, np.zeros(len(q))])
+
+
+def _lighter_scaled_up(p: Floats, q: Floats, cost: Floats) -> tuple[Floats, Floats, Floats]:
+    mass = max(p.sum(), q.sum())
+    return p / p.sum() * mass, q / q.sum() * mass, cost
 
 
 def _slack_first(p: Floats, q: Floats, cost: Floats) -> tuple[Floats, Floats, Floats]:
@@ -122,6 +133,15 @@ register(
             Mistake(
                 "you scaled both sides to 1: that is mass='normalized', another distance; keep the masses, add a place",
                 lambda p, q, cost: (p / p.sum(), q / q.sum(), cost),
+            ),
+            Mistake(
+                "you scaled the lighter side up: then nothing is left over, and E is another distance; keep the "
+                "masses, add a place",
+                _lighter_scaled_up,
+            ),
+            Mistake(
+                "you filled the lighter side up to 1; fill it up to the mass of the heavier side, which may be any",
+                _rest_to_one,
             ),
             Mistake("the new place comes last in line, not first", _slack_first),
         ),

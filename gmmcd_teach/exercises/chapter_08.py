@@ -58,6 +58,12 @@ def take_out(
     return np.array(taken, dtype=np.intp)
 
 
+def in_one_pass(p: Floats, q: Floats, cost: Floats) -> list[int]:
+    """The mistake of trying each removal from the whole mixture, and taking all that lower the EMD."""
+    lowest = emd(p, q, cost).distance
+    return [k for k in range(len(q)) if emd(p, np.delete(q, k), np.delete(cost, k, axis=1)).distance < lowest]
+
+
 def _weights() -> Iterator[tuple[Any, ...]]:
     for seed in range(3):
         yield np.random.default_rng(seed).dirichlet(np.ones(5)), seed + 1
@@ -70,7 +76,10 @@ def _bounds() -> Iterator[tuple[Any, ...]]:
 
 
 def _rooms() -> Iterator[tuple[Any, ...]]:
-    """A row of places, slightly moved, and heavy newcomers away from it: one inside the list, or another at its end."""
+    """A row of places, slightly moved, and heavy newcomers away from it: one inside the list, or another at its end.
+
+    In the last case nothing is in order, and neither are the five that are taken.
+    """
     old = np.column_stack([np.arange(8.0), np.zeros(8)])
     for seed in range(4):
         moved = old + 0.05 * np.random.default_rng(seed).normal(size=old.shape)
@@ -79,6 +88,8 @@ def _rooms() -> Iterator[tuple[Any, ...]]:
         if seed % 2:
             new, q = np.vstack([new, [6.0, 3.0]]), np.append(q, 1.5)
         yield np.full(8, 1 / 8), q / q.sum(), np.linalg.norm(old[:, None] - new, axis=2)
+    rng = np.random.default_rng(1)
+    yield rng.dirichlet(np.ones(6)), rng.dirichlet(np.ones(8)), rng.random((6, 8))
 
 
 register(
@@ -156,6 +167,14 @@ register(
             Mistake(
                 "you stop after one removal; go on until no removal lowers the distance",
                 lambda p, q, cost: take_out(p, q, cost, most=1),
+            ),
+            Mistake(
+                "you try all removals from the whole mixture; take the best one out, then try again on what is left",
+                in_one_pass,
+            ),
+            Mistake(
+                "the right ones, sorted by index; return them in the order in which they were taken",
+                lambda p, q, cost: np.sort(take_out(p, q, cost)),
             ),
             Mistake(
                 "the last one taken does not lower the distance: look before you append (P8)",

@@ -42,10 +42,12 @@ def _voxels() -> Iterator[tuple[Any, ...]]:
 
 
 def _objects() -> Iterator[tuple[Any, ...]]:
-    for seed in range(3):
+    """In the last case, object 1 has more than half of all claimed points, but less than half of all points."""
+    for seed in range(4):
         rng = np.random.default_rng(seed)
-        objects = rng.permutation(np.repeat([0, 1, 2, 3, 4], [60, 8, 12, 10, 9]))
-        share = np.array([0.3, 0.9, 0.25, 0.5, 0.7])[objects]
+        sizes = [60, 8, 12, 10, 9] if seed < 3 else [60, 40, 12, 10, 9]
+        objects = rng.permutation(np.repeat([0, 1, 2, 3, 4], sizes))
+        share = np.array([0.3 if seed < 3 else 0.1, 0.9, 0.25, 0.5, 0.7])[objects]
         claimed = rng.random(len(objects)) < share
         claimed[np.flatnonzero(objects == 3)] = np.arange(10) < 5  # exactly half: not found
         yield claimed, objects

@@ -132,14 +132,19 @@ def recognised(exercise: Exercise, attempt: Callable[..., Any], cases: list[tupl
 def difference(answer: Any, right: Any, tolerance: float) -> str:
     """How an answer differs from the right one, in one line; "" where it does not."""
     if isinstance(right, tuple):
-        if not isinstance(answer, (tuple, list)) or len(answer) != len(right):
-            return f"your function returns {type(answer).__name__}; expected {len(right)} things, separated by commas"
+        several = isinstance(answer, (tuple, list))
+        if not several or len(answer) != len(right):
+            found = f"{len(answer)} things" if several else f"one thing, of type {type(answer).__name__}"
+            return f"your function returns {found}; expected {len(right)} things, separated by commas"
         parts = (difference(a, r, tolerance) for a, r in zip(answer, right, strict=True))
         return next((f"part {number + 1}: {says}" for number, says in enumerate(parts) if says), "")
     try:
         ours, wanted = np.asarray(answer), np.asarray(right)
     except ValueError:
         return "your function returns a ragged list; expected one array"
+    if ours.ndim == 0 and ours.dtype.kind not in "biufc":  # a set, a dictionary, a string, a generator
+        expected = f"an array of shape {wanted.shape}" if wanted.ndim else "a number"
+        return f"your answer is of type {type(answer).__name__}; expected {expected}"
     if ours.shape != wanted.shape:
         return f"your answer has shape {ours.shape}; expected {wanted.shape}"
     if wanted.dtype == bool and ours.dtype != bool:
@@ -157,10 +162,23 @@ def _numbers_differ(ours: NDArray[Any], wanted: NDArray[Any], tolerance: float) 
     wrong = ~np.isclose(ours, wanted, rtol=tolerance, atol=tolerance * scale, equal_nan=True)
     if not wrong.any():
         return ""
-    first = tuple(int(i) for i in np.argwhere(wrong)[0])
+    far = ~np.isclose(ours, wanted, rtol=1e-5, atol=1e-5 * scale, equal_nan=True)
+    if not far.any():
+        return "right to about five digits, and no further: do not round, add no tiny number, compute in float64"
+    first = tuple(int(i) for i in np.argwhere(far)[0])
     place = f" at {first if len(first) > 1 else first[0]}" if first else ""
-    count = f"{np.count_nonzero(wrong)} of {wrong.size} numbers differ; " if wrong.size > 1 else ""
-    return f"{count}yours is {ours[first]:.6g}{place}, expected {wanted[first]:.6g}"
+    yours = f"yours is {_shown(ours[first])}{place}, expected {_shown(wanted[first])}"
+    if wanted.dtype.kind != "b" and np.allclose(
+        np.abs(ours), np.abs(wanted), rtol=tolerance, atol=tolerance * scale, equal_nan=True
+    ):
+        return f"right up to the sign: {yours}"
+    things = "answers" if wanted.dtype.kind == "b" else "numbers"
+    count = f"{np.count_nonzero(wrong)} of {wrong.size} {things} differ; " if wrong.size > 1 else ""
+    return count + yours
+
+
+def _shown(value: Any) -> str:
+    return str(bool(value)) if isinstance(value, np.bool_) else f"{value:.6g}"
 
 
 def _load_all() -> None:

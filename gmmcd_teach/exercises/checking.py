@@ -107,7 +107,8 @@ def judge(exercise: Exercise, attempt: Callable[..., Any]) -> Verdict:
         except Exception as error:  # whatever a student's code raises is told to the student
             return Verdict(exercise.name, False, True, f"your function raised {type(error).__name__}: {error}")
         if answer is None or answer is Ellipsis:
-            says = "not done yet: your function returns None. Replace the dots, and let it return its answer."
+            nothing = "..." if answer is Ellipsis else "None"
+            says = f"not done yet: your function returns {nothing}. Replace the dots, and let it return its answer."
             return Verdict(exercise.name, False, number > 0, says)
         if any(difference(a, b, 0.0) for a, b in zip(case, untouched, strict=True) if isinstance(a, np.ndarray)):
             return Verdict(exercise.name, False, True, "your function changed its input in place; work on a copy")

@@ -71,7 +71,7 @@ def parser() -> argparse.ArgumentParser:
     add("after", metavar="AFTER", type=Path, help="later scan, in the same coordinate frame (or see --align)")
     add("--out", metavar="DIR", type=Path, required=True, help="folder for the results, made if need be")
     add("--method", choices=tuple(METHODS), default=default_method(), help="how to detect (%(default)s)")
-    add("--components", metavar="K", type=int, default=25, help="components at the start of EM (%(default)s)")
+    add("--components", metavar="K", type=int, help=f"components at the start of EM ({commands.COMPONENTS})")
     add("--leaf", metavar="M", type=float, help=f"thin to one point per voxel of M metres ({leaves})")
     add("--unit", choices=tuple(commands.UNITS), default="m", help="unit of the files (%(default)s)")
     add("--align", action="store_true", help="lay the later scan on the earlier one first")

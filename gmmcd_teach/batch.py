@@ -87,6 +87,7 @@ def modified_weights(support: Floats, penalty: float, min_components: int) -> Fl
     >>> modified_weights(np.array([10.0, 3.0]), 4.5, 2)
     array([10.,  3.])
     """
+    support = np.maximum(support, np.finfo(float).tiny)  # without a point, and yet alive where all must live
     if len(support) <= min_components:
         return support
     weights = np.maximum(0.0, support - penalty)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from gmmcd_teach.report import FILES, NEAR, SEEN, as_numbers, good_camera, table
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 LEAF = {"greedy": 0.02, "shared": 0.02}  # metres; other methods choose by the density of the scans
+COMPONENTS = 25  # at the start of EM
 PAIR_FILES = ("before.ply", "after.ply")
 
 
@@ -49,19 +51,27 @@ def detect(options: argparse.Namespace) -> str:
         after_origin = None if after_origin is None else transform(motion, after_origin)
     warnings += doubts(before, after)
     takes = options_of(METHODS[options.method])
-    if options.leaf is not None and "leaf_size" not in takes:
-        warnings.append(f"{options.method} does not thin the scans: --leaf {options.leaf:g} is not used")
+    warnings += [
+        f"{options.method} {does_not}: {option} is not used"
+        for option, told, name, does_not in (
+            (f"--leaf {options.leaf}", options.leaf is not None, "leaf_size", "does not thin the scans"),
+            ("--components", options.components is not None, "max_components", "fits no mixture"),
+            ("--outliers", options.outliers, "outlier_filter", "does not filter the scans"),
+        )
+        if told and name not in takes
+    ]
     for warning in warnings:
         print(f"gmmcd-teach: warning: {warning}", file=sys.stderr, flush=True)
     if "before_origin" in takes and before_origin is None and after_origin is None:
         say(f"{options.method} does better when told where the scans were taken from: --before-origin, --after-origin")
     say(f"detecting by {options.method}")
     leaf = LEAF.get(options.method) if options.leaf is None else options.leaf
+    components = COMPONENTS if options.components is None else options.components
     detection = detect_changes(
         before,
         after,
         method=options.method,
-        max_components=options.components,
+        max_components=components,
         leaf_size=leaf,
         outlier_filter=options.outliers,
         before_origin=before_origin,
@@ -69,7 +79,7 @@ def detect(options: argparse.Namespace) -> str:
         rng=options.seed,
         progress=not options.quiet,
     )
-    settings = {"method": options.method, "components": options.components, "leaf": leaf, "seed": options.seed}
+    settings = {"method": options.method, "components": components, "leaf": leaf, "seed": options.seed}
     report = {
         "before": {"file": options.before.name, "points": len(before), "disappeared": int(detection.disappeared.sum())},
         "after": {"file": options.after.name, "points": len(after), "appeared": int(detection.appeared.sum())},
@@ -137,12 +147,9 @@ def pair(options: argparse.Namespace) -> str:
     with place_folder(options.out, PAIR_FILES) as draft:
         write_cloud(draft / PAIR_FILES[0], scans.before, disappeared=scans.disappeared)
         write_cloud(draft / PAIR_FILES[1], scans.after, appeared=scans.appeared)
-    words = [
-        "gmmcd-teach detect",
-        *(str(options.out / name) for name in PAIR_FILES),
-        f"--out {options.out / 'changes'}",
-    ]
+    words = ["gmmcd-teach", "detect", *(str(options.out / name) for name in PAIR_FILES)]
+    words += ["--out", str(options.out / "changes")]
     for side, frames in (("before", scans.before_frames), ("after", scans.after_frames)):
         if len(frames) == 1:
-            words.append(f"--{side}-origin {' '.join(f'{x:g}' for x in frames[0].pose[:3, 3])}")
-    return f"{scans.description}\nNow try: {' '.join(words)}"
+            words += [f"--{side}-origin", *(f"{x:.4f}" for x in frames[0].pose[:3, 3])]
+    return f"{scans.description}\nNow try: {shlex.join(words)}"

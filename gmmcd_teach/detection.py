@@ -34,7 +34,7 @@ class Detection:
     disappeared : (N_before,) bool over the points of `before`.
     before_mixture, after_mixture : the fitted mixtures, None for methods without one.
     appeared_components, disappeared_components : indices into `after_mixture` and `before_mixture`.
-    seconds : time spent on "filter", "pca", "em", "emd", and in "total".
+    seconds : time spent on "filter", "pca", "em", "emd" or, by other methods, "compare"; and in "total".
     """
 
     appeared: Bools

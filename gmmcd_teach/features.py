@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gmmcd_teach.clouds import CloudError, Floats
 from gmmcd_teach.mixture import GaussianMixture
 
-BLOCK = 5_000  # most points worked on at a time: they and their densities under 25 components about fit the cache
+BLOCK = 5_000  # most points worked on at a time: with fewer, Python's calls weigh; with more, densities leave the cache
 
 
 class Blocks(NamedTuple):
@@ -149,7 +149,8 @@ def natural_parameters(mixture: GaussianMixture) -> Floats:
 def moments(sums: Floats, covariance_floor: float) -> tuple[Floats, Floats, Floats]:
     """Support (K,), means (K, D) and covariances (K, D, D) from (K, F) sums of w_ik times features (Eqs. 9 and 10).
 
-    A covariance is a difference of squares. Where rounding could have eaten it, a CloudError says so.
+    A covariance is a difference of squares. Where rounding could have eaten it, a CloudError says so; and where a
+    component that must live has no points, as one of a given start may.
 
     Examples
     --------
@@ -158,6 +159,8 @@ def moments(sums: Floats, covariance_floor: float) -> tuple[Floats, Floats, Floa
     (4.0, 2.0, 1.0)
     """
     support = sums[:, 0]
+    if support.min() < 1e-200:
+        raise CloudError("a component has no points; lower min_components, or leave it out of init")
     d = dimensions(sums.shape[1])
     i, j = pairs(d)
     means = sums[:, 1 : 1 + d] / support[:, None]

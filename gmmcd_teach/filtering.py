@@ -57,7 +57,7 @@ def statistical_outlier_mask(points: ArrayLike, n_neighbors: int = 50, std_ratio
     return mean_distances <= mean_distances.mean() + std_ratio * mean_distances.std(ddof=1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Voxels:
     """The occupied cells of a voxel grid, in the order of their position (x, then y, then z).
 
@@ -127,6 +127,8 @@ def _number(cells: Floats) -> NDArray[np.int64]:
     cells -= cells.min(axis=1, keepdims=True)
     if np.prod(cells.max(axis=1) + 1) >= 2.0**62:
         cells[:] = [np.unique(axis, return_inverse=True)[1] for axis in cells]
+    if np.prod(cells.max(axis=1) + 1) >= 2.0**62:  # many dimensions
+        return np.unique(cells, axis=1, return_inverse=True)[1].ravel()
     key = cells[0].astype(np.int64)
     for axis in cells[1:]:
         key *= int(axis.max()) + 1

@@ -48,10 +48,11 @@ def detect_changes(
     ----------
     before, after : (N, D) metres, in one coordinate frame.
     method : a key of `METHODS`; "greedy" is the paper's.
-    max_components : K at the start of EM.
-    leaf_size : metres, edge of the voxel grid that thins the clouds first; None leaves them.
-    outlier_filter : take out statistical outliers first.
-    n_principal_axes : project the clouds on this many principal axes first; None does not.
+    max_components : K at the start of EM. For methods that fit mixtures: "greedy" and "shared"; others leave it out.
+    leaf_size : metres, edge of the voxel grid that thins the clouds first, or of the cells that the method works on;
+        None leaves that to the method. "c2c" works on all points.
+    outlier_filter : take out statistical outliers first, for "greedy" and "shared".
+    n_principal_axes : project the clouds on this many principal axes first, for "greedy"; None does not.
     before_origin, after_origin : (D,) metres, where the sensor stood, for methods that ask what it could see.
     rng : seed or generator; the same seed gives the same answer.
     progress : show how far the work has come.
@@ -108,7 +109,7 @@ def options_of(function: Callable[..., Detection]) -> set[str]:
     names = {p.name for p in parameters if p.kind is Parameter.KEYWORD_ONLY}
     if any(p.kind is Parameter.VAR_KEYWORD for p in parameters):
         names |= {p.name for p in signature(fit_mixture).parameters.values() if p.kind is Parameter.KEYWORD_ONLY}
-    return names - {"on_record"}
+    return names - {"on_record", "point_weights"}  # one array cannot weigh the points of two clouds
 
 
 def check_origin(origin: ArrayLike | None, name: str, n_dimensions: int) -> np.ndarray | None:

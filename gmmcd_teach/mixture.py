@@ -63,6 +63,10 @@ class GaussianMixture:
             )
         self.whitening  # noqa: B018  a covariance that is not positive definite is told here
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy is made anew: checked, and as unchangeable as the first."""
+        return GaussianMixture, (self.weights, self.means, self.covariances)
+
     @property
     def n_components(self) -> int:
         """K, the number of Gaussians."""

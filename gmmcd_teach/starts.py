@@ -90,9 +90,12 @@ def check_options(
         if init.n_components != max_components:
             raise ValueError(f"init: a mixture of {init.n_components} components; expected {max_components}")
         init = INITS[0]
-    for name, chosen, allowed in (("update", update, UPDATES), ("init", init, INITS)):
-        if chosen not in allowed:
-            raise ValueError(f"{name} = {chosen!r}; expected one of {', '.join(map(repr, allowed))}")
+    for name, chosen, allowed, more in (
+        ("update", update, UPDATES, ""),
+        ("init", init, INITS, ", or a GaussianMixture"),
+    ):
+        if not isinstance(chosen, str) or chosen not in allowed:
+            raise ValueError(f"{name} = {chosen!r}; expected one of {', '.join(map(repr, allowed))}{more}")
     if cell_size is not None and not (isinstance(cell_size, Real) and 0 < cell_size < np.inf):
         raise ValueError(f"cell_size = {cell_size!r}; expected metres above 0, or None")
 

@@ -94,8 +94,11 @@ def test_a_long_list_is_cut_short_in_the_table():
 
 @pytest.mark.slow
 def test_an_option_that_a_method_does_not_use_is_said(scans, capsys):
-    assert run(scans, "--method", "c2c") == 0
-    assert "warning: c2c does not thin the scans: --leaf 0.001 is not used" in capsys.readouterr().err
+    assert run(scans, "--method", "c2c", "--outliers", "--components", "9") == 0
+    said = capsys.readouterr().err
+    assert "warning: c2c does not thin the scans: --leaf 0.001 is not used" in said
+    assert "warning: c2c fits no mixture: --components is not used" in said
+    assert "warning: c2c does not filter the scans: --outliers is not used" in said
 
 
 @pytest.mark.slow

@@ -377,6 +377,16 @@ def test_a_start_that_cannot_be_made_is_refused(k, init, words):
         starting_mixture(clusters(2), np.ones(400), k, init, 0.0, np.random.default_rng(0))
 
 
+@pytest.mark.parametrize("update", UPDATES)
+def test_a_component_of_the_start_without_points_dies_or_is_refused(update):
+    points = clusters(2)
+    start = start_on(points, 4)
+    far = GaussianMixture(start.weights, np.vstack([start.means[:3], [[900.0, 900.0]]]), start.covariances)
+    assert fit_mixture(points, 4, init=far, update=update).mixture.n_components <= 3
+    with pytest.raises(CloudError, match=r"^a component has no points; lower min_components, or leave it out of init$"):
+        fit_mixture(points, 4, 4, init=far, update=update)
+
+
 def test_a_mixture_that_cannot_be_a_start_is_refused():
     start = start_on(clusters(2), 6)
     with pytest.raises(ValueError, match=r"^init: a mixture of 6 components; expected 25$"):
@@ -825,6 +835,7 @@ def test_the_hard_set_is_reported(record_property):
         ({"max_iter": np.inf}, "max_iter = inf"),
         ({"update": "online"}, "update = 'online'; expected one of 'batch', 'componentwise'"),
         ({"init": "farthest"}, "init = 'farthest'; expected one of 'random', 'kmeans++'"),
+        ({"init": np.zeros((1, 2))}, "init = array"),
         ({"cell_size": 0}, "cell_size = 0; expected metres above 0, or None"),
         ({"cell_size": -1.0}, "cell_size = -1.0"),
         ({"cell_size": np.nan}, "cell_size = nan"),

@@ -252,3 +252,11 @@ def test_a_solver_that_gives_up_is_not_believed(monkeypatch):
         monkeypatch.setattr(sys.modules["gmmcd_teach.emd"], "linprog", lambda *a, failed=failed, **k: failed)
         with pytest.raises(RuntimeError, match="linprog found no optimal flow: infeasible"):
             emd(**ARGUMENTS, solver="linprog")
+
+
+@pytest.mark.parametrize("solver", ["network-simplex", "linprog"])
+def test_masses_that_no_solver_can_tell_from_nothing_are_refused(solver):
+    with pytest.raises(CloudError, match=r"^masses of 1 and 1e-18: too unequal for a solver; scale them alike$"):
+        emd([1.0], [1e-18], [[2.0]], mass="partial", solver=solver)
+    with pytest.raises(CloudError, match=r"^weights_p: expected a .* masses from 0 to 1e150"):
+        emd([1e308, 1e308], [1.0], [[2.0], [1.0]], solver=solver)

@@ -224,3 +224,12 @@ def test_unfit_clouds(points):
         statistical_outlier_mask(points)
     with pytest.raises(CloudError, match=r"^points: "):
         voxel_downsample(points, 0.1)
+
+
+def test_cells_far_apart_in_many_dimensions_stay_apart_and_in_order():
+    rng = np.random.default_rng(0)
+    points = rng.integers(-(10**6), 10**6, (20_000, 5)) + 0.5  # metres: ranks alone would need 2^71 numbers
+    points = np.unique(points, axis=0)
+    voxels = voxel_downsample(rng.permutation(points), 1.0)
+    np.testing.assert_array_equal(voxels.centroids, points)
+    assert (voxels.counts == 1).all()

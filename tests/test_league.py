@@ -160,6 +160,10 @@ def by_chance(before: np.ndarray, after: np.ndarray) -> Detection:
     return Detection(np.random.default_rng().random(len(after)) > 0.5, np.zeros(len(before), dtype=bool))
 
 
+def backwards_by_chance(before: np.ndarray, after: np.ndarray) -> Detection:
+    return Detection(np.zeros(len(after), dtype=bool), np.random.default_rng().random(len(before)) > 0.5)
+
+
 @pytest.mark.parametrize(
     ("detect", "says"),
     [
@@ -169,6 +173,7 @@ def by_chance(before: np.ndarray, after: np.ndarray) -> Detection:
         (lambda before, after: Detection(np.zeros(len(after)), np.zeros(len(before), bool)), "expected bool"),
         (in_place, "changed in place"),
         (by_chance, "two answers"),
+        (backwards_by_chance, "two answers"),
     ],
 )
 def test_an_entry_keeps_the_rules(detect: Callable[..., Detection], says: str) -> None:
@@ -178,7 +183,7 @@ def test_an_entry_keeps_the_rules(detect: Callable[..., Detection], says: str) -
 
 
 def test_a_method_of_ones_own_plays() -> None:
-    rows = run(league_runs, [{"method": good, "scene": "mixed_frame", "seed": 0}], keep=False)
+    rows = run(league_runs, [{"method": good, "scene": "mixed_frame", "seed": 0}])
     assert (rows[rows.level == "point"].f1 == 0).all()
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import re
 
 import numpy as np
@@ -165,6 +167,13 @@ def test_a_moved_mixture_is_that_of_the_moved_points():
     for offset in (1.0, [1.0], [1.0, 2.0, 3.0], [[1.0, 2.0]]):
         with pytest.raises(CloudError, match=r"^offset: shape \(.*\); expected \(2,\)"):
             m.moved(offset)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda m: pickle.loads(pickle.dumps(m))], ids=["copy", "pickle"])
+def test_a_copy_of_a_mixture_does_not_change_either(copied):
+    m = copied(GaussianMixture(*ONE))
+    with pytest.raises(ValueError, match="read-only"):
+        m.means[0] = 1.0
 
 
 def test_a_mixture_does_not_change_and_shares_no_memory():

@@ -42,7 +42,7 @@ def detect_shared(
     share: float | None = None,
     false_alarms: float = 0.05,
     patch_size: float | None = None,
-    init: str = "kmeans++",
+    init: str | GaussianMixture = "kmeans++",
     **em_options: Any,
 ) -> Detection:
     """Fit one mixture to both clouds together, then ask of each component which cloud its points are from.

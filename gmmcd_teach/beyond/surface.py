@@ -16,7 +16,7 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The cells of a cloud: centroids (M, 3), unit normals (M, 3), and the cell of each point (N,)."""
+    """The cells of a cloud: centroids (M, 3), unit normals (M, 3), the cell of each point (N,), a tree of centroids."""
 
     centroids: Floats
     normals: Floats

@@ -205,9 +205,9 @@ def digest(value: Any) -> str:
 
 
 def place(function: Callable[..., Any], job: Row) -> Path | None:
-    """The file for one call's rows; None for a function whose sources are not this package's."""
+    """The file for one call's rows; None for a function whose sources are not this package's, also as an argument."""
     module, name = getattr(function, "__module__", ""), getattr(function, "__qualname__", "<")
-    if module.split(".")[0] != PACKAGE.name or "<" in name:
+    if module.split(".")[0] != PACKAGE.name or "<" in name or any(callable(value) for value in job.values()):
         return None
     return cache_folder() / "study" / name / f"{digest([fingerprint(module), module, job])}.json"
 

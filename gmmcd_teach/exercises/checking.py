@@ -107,7 +107,7 @@ def judge(exercise: Exercise, attempt: Callable[..., Any]) -> Verdict:
         except Exception as error:  # whatever a student's code raises is told to the student
             return Verdict(exercise.name, False, True, f"your function raised {type(error).__name__}: {error}")
         if answer is None or answer is Ellipsis:
-            nothing = "..." if answer is Ellipsis else "None"
+            nothing = "the dots" if answer is Ellipsis else "None"
             says = f"not done yet: your function returns {nothing}. Replace the dots, and let it return its answer."
             return Verdict(exercise.name, False, number > 0, says)
         if any(difference(a, b, 0.0) for a, b in zip(case, untouched, strict=True) if isinstance(a, np.ndarray)):

@@ -169,7 +169,7 @@ SOLVERS = {"network-simplex": _network_simplex, "linprog": _linear_programme}
 
 def _masses(weights: ArrayLike, name: str) -> Floats:
     array = floats(weights, name)
-    if array.ndim != 1 or not (0 <= array.min(initial=0.0) and 0 < array.max(initial=0.0) < 1e150):
+    if array.ndim != 1 or not (array.min(initial=0.0) >= 0 and 0 < array.max(initial=0.0) < 1e150):
         raise CloudError(f"{name}: expected a (K,) array of masses from 0 to 1e150, not all of them 0")
     return array
 

@@ -18,7 +18,7 @@ class PrincipalAxes:
     Attributes
     ----------
     mean : (D,) centre of the cloud, metres.
-    axes : (D, D) orthonormal rows, in order of falling variance; each row's entry of largest absolute value is positive.
+    axes : (D, D) orthonormal rows, in order of falling variance; of each, the entry largest in size is positive.
     variances : (D,) square metres, with divisor N - 1.
     """
 

@@ -19,6 +19,8 @@ import nbformat
 import pytest
 from sphinx.search.en import SearchEnglish
 
+from gmmcd_teach.exercises import EXERCISES
+
 ROOT = Path(__file__).resolve().parents[1]
 HTML = ROOT / "_build" / "html"
 BOUNDS = {"ten seconds": 10, "half a minute": 30, "one minute": 60, "two minutes": 120, "three minutes": 180}
@@ -335,6 +337,25 @@ def test_chapters_run_in_the_time_they_promise(texts: dict[str, str]) -> None:
         assert seconds <= SLOWER * BOUNDS[found[1]], f"{name}: {found[0]}, but {seconds:.0f} s of computing"
         total += seconds
     assert total < SLOWER * 2 * 9 * 60  # nine minutes on two cores
+
+
+@book
+@pytest.mark.slow
+@pytest.mark.parametrize("path", sorted(ROOT.glob("notebooks/[0-9]*.ipynb")), ids=lambda path: path.stem)
+def test_solutions_of_the_chapter_are_right_and_stubs_are_told_that_they_are_not_done(path: Path) -> None:
+    """`check` never fails a cell, so what it said must be read."""
+    cells = [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    (kept,) = (ROOT / "_build" / ".executed").glob(f"{path.stem}-*.json")
+    outputs = json.loads(kept.read_text(encoding="utf8"))["outputs"]
+    checked = set()
+    for cell, shown in zip(cells, outputs, strict=True):
+        for name in re.findall(r'^check\("(ex-[^"]+)"', cell.source, re.MULTILINE):
+            said = "".join(output.get("data", {}).get("text/plain", "") for output in shown)
+            solution = "hide-cell" in cell.metadata.get("tags", [])
+            assert said.startswith(f"✓ {name}: right" if solution else f"… {name}: not done"), said
+            checked.add((name, solution))
+    number = path.stem[:2]
+    assert checked == {(name, done) for name in EXERCISES if name[3:5] == number for done in (True, False)}
 
 
 @pytest.fixture(scope="module")

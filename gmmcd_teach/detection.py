@@ -18,6 +18,7 @@ from gmmcd_teach.filtering import statistical_outlier_mask, voxel_downsample
 from gmmcd_teach.mixture import GaussianMixture, generator
 from gmmcd_teach.pca import principal_axes
 from gmmcd_teach.progress import progress_bar
+from gmmcd_teach.starts import check_number
 
 Bools = NDArray[np.bool_]
 Indices = NDArray[np.intp]
@@ -112,6 +113,7 @@ def detect_greedy(
     >>> bool(detect_greedy(shelf, with_box, max_components=4, init="kmeans++").appeared[300:].all())
     True
     """
+    check_number("max_components", max_components, 1, whole=True)
     old_cloud = check_points(before, "before")
     clouds = old_cloud, check_points(after, "after", dimensions=old_cloud.shape[1:])
     rng = generator(rng)

@@ -55,9 +55,9 @@ def extract_changes(
     >>> extract_changes(shelf, with_box).indices
     array([2])
     """
-    if ground not in GROUNDS:
+    if not isinstance(ground, str) or ground not in GROUNDS:
         raise ValueError(f"ground = {ground!r}; expected one of {', '.join(map(repr, GROUNDS))}")
-    if mass not in MASSES:
+    if not isinstance(mass, str) or mass not in MASSES:
         raise ValueError(f"mass = {mass!r}; expected one of {', '.join(map(repr, MASSES))}")
     before, after = check_mixture(before, "before"), check_mixture(after, "after")
     cost = GROUNDS[ground](before, after)  # (K, L)

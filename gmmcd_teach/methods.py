@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 from gmmcd_teach.beyond.baselines import detect_c2c, detect_m3c2, detect_occupancy
 from gmmcd_teach.beyond.recommended import detect_recommended
 from gmmcd_teach.beyond.shared import detect_shared
+from gmmcd_teach.beyond.visibility import check_origin
 from gmmcd_teach.clouds import CloudError, check_points
 from gmmcd_teach.detection import Detection, detect_greedy
 from gmmcd_teach.em import fit_mixture
-from gmmcd_teach.mixture import floats
 
 METHODS: dict[str, Callable[..., Detection]] = {
     "greedy": detect_greedy,
@@ -110,19 +110,3 @@ def options_of(function: Callable[..., Detection]) -> set[str]:
     if any(p.kind is Parameter.VAR_KEYWORD for p in parameters):
         names |= {p.name for p in signature(fit_mixture).parameters.values() if p.kind is Parameter.KEYWORD_ONLY}
     return names - {"on_record", "point_weights"}  # one array cannot weigh the points of two clouds
-
-
-def check_origin(origin: ArrayLike | None, name: str, n_dimensions: int) -> np.ndarray | None:
-    """(D,) position of a sensor in metres, or None; a CloudError where it is anything else.
-
-    Examples
-    --------
-    >>> check_origin([0, 0, 1], "before_origin", 3)
-    array([0., 0., 1.])
-    """
-    if origin is None:
-        return None
-    position = floats(origin, name)
-    if position.shape != (n_dimensions,) or not np.isfinite(position).all():
-        raise CloudError(f"{name}: shape {position.shape}; expected ({n_dimensions},) finite metres")
-    return position

@@ -10,6 +10,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from gmmcd_teach.beyond.surface import distinct, point_spacing
+from gmmcd_teach.beyond.visibility import looks_from
 from gmmcd_teach.clouds import CloudError, Floats, check_points
 
 Bools = NDArray[np.bool_]
@@ -42,7 +44,7 @@ def find_regions(
     ----------
     points : (N, D) changed points, metres; N may be 0.
     reach : metres: points hang together when they lie in the same cube of this edge, or in cubes that touch; None takes
-        three times their median spacing.
+        three times their median spacing, repeated points left out.
     smallest : groups of fewer points are left out.
     contradicted : (N,) bool, see `contradicted_by`; the share in a group is its confidence.
 
@@ -68,7 +70,8 @@ def find_regions(
     if len(s) < max(2, smallest):
         return [_region(s, votes)] if len(s) >= smallest and len(s) else []
     if reach is None:
-        spacing = np.asarray(cKDTree(s).query(s, k=2)[0])[:, 1]
+        once = distinct(s)
+        spacing = np.asarray(cKDTree(once).query(once, k=min(2, len(once)))[0]).reshape(len(once), -1)[:, -1]
         reach = 3 * float(np.median(spacing)) or 0.01
     group = connected_groups(s, reach)
     order = np.argsort(group, kind="stable")
@@ -118,9 +121,6 @@ def contradicted_by(
     >>> contradicted_by(new, wall, origin=[0, 0, 0], tolerance=0.1)
     array([ True, False, False])
     """
-    from gmmcd_teach.beyond.surface import point_spacing
-    from gmmcd_teach.beyond.visibility import looks_from
-
     s, rest = check_points(points, "points", minimum=0, dimensions=(3,)), check_points(other, "other", dimensions=(3,))
     if len(s) == 0:
         return np.zeros(0, dtype=bool)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from numbers import Integral, Real
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,16 +75,11 @@ def check_options(
     --------
     >>> check_options(5, 1, 1e-5, 100, "batch", "random", None, 0.0)
     """
-    for name, value, lowest in (
-        ("max_components", max_components, 1),
-        ("min_components", min_components, 1),
-        ("max_iter", max_iter, 1),
-        ("tol", tol, 0),
-        ("covariance_floor", covariance_floor, 0),
-    ):
-        whole = name not in ("tol", "covariance_floor")
-        if not isinstance(value, Integral if whole else Real) or not lowest <= value < np.inf:
-            raise ValueError(f"{name} = {value!r}; expected a {'whole ' if whole else ''}number of at least {lowest}")
+    check_number("max_components", max_components, 1, whole=True)
+    check_number("min_components", min_components, 1, whole=True)
+    check_number("max_iter", max_iter, 1, whole=True)
+    check_number("tol", tol, 0)
+    check_number("covariance_floor", covariance_floor, 0)
     if min_components > max_components:
         raise ValueError(f"min_components = {min_components}; expected at most max_components = {max_components}")
     if isinstance(init, GaussianMixture):
@@ -98,6 +94,18 @@ def check_options(
             raise ValueError(f"{name} = {chosen!r}; expected one of {', '.join(map(repr, allowed))}{more}")
     if cell_size is not None and not (isinstance(cell_size, Real) and 0 < cell_size < np.inf):
         raise ValueError(f"cell_size = {cell_size!r}; expected metres above 0, or None")
+
+
+def check_number(name: str, value: Any, lowest: int, whole: bool = False) -> None:
+    """Raise a ValueError that names the option where it is no finite (`whole`) number, or below `lowest`.
+
+    Examples
+    --------
+    >>> check_number("max_iter", 100, 1, whole=True)
+    """
+    number = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
+    if not number or not lowest <= value < np.inf:
+        raise ValueError(f"{name} = {value!r}; expected a {'whole ' if whole else ''}number of at least {lowest}")
 
 
 def check_weights(weights: ArrayLike | None, n_points: int, n_components: int, name: str = "point_weights") -> Floats:

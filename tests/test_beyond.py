@@ -29,7 +29,7 @@ from gmmcd_teach.beyond.shared import (
     unbalanced_emd,
     votes,
 )
-from gmmcd_teach.beyond.surface import point_spacing, surface_of
+from gmmcd_teach.beyond.surface import distinct, point_spacing, surface_of
 from gmmcd_teach.beyond.visibility import ANSWERS, judge, looks_from, looks_of_frames
 from gmmcd_teach.filtering import voxel_downsample
 from gmmcd_teach.lab import DepthFrame, ScenePair, static_pair, tabletop_pair
@@ -428,3 +428,123 @@ def test_misaligned_scans_are_as_good_once_aligned(seed: int) -> None:
     )
     scores = confusion(found.appeared, pair.appeared).f1, confusion(found.disappeared, pair.disappeared).f1
     assert min(scores) >= min(point_scores(pair)) - 0.05
+
+
+def as_two_scans() -> tuple[np.ndarray, np.ndarray]:
+    """Two scans of a floor with a wall, and a plate that has come in the second: 150 new points, at the end."""
+    rng = np.random.default_rng(0)
+    floor, with_plate = floor_with(0.4)
+    wall = floor[:, [0, 2, 1]] + [0, 0.79, 0.02]
+    before, after = np.concatenate([floor, wall]), np.concatenate([floor, wall, with_plate[1600:]])
+    return before + rng.normal(0, 1e-3, before.shape), after + rng.normal(0, 1e-3, after.shape)
+
+
+@pytest.mark.parametrize(
+    ("moved", "says"),
+    [
+        (lambda s: s + np.array([20, 0, 0]), "do not lie on each other"),
+        (lambda s: s + np.array([20, 0, 0]), r"boxes are 19.* m apart"),
+        (lambda s: 10 * s, "fit only to within"),
+        (lambda s: s[:1] + 9, "do not lie on each other"),
+    ],
+    ids=["in another frame", "on the same plane", "in another unit", "one point"],
+)
+@pytest.mark.parametrize("told", [False, True])
+def test_scans_that_do_not_lie_on_each_other_are_refused(moved, says: str, told: bool) -> None:
+    before, after = as_two_scans()
+    stood = {"before_origin": [0.4, 0.2, 2.0], "after_origin": moved(np.array([[0.4, 0.2, 2.0]]))[0]} if told else {}
+    if "boxes" in says:
+        before, after = before[:1600], after[:1600]
+    with pytest.raises(CloudError, match=says):
+        detect_changes(before, moved(after), method="recommended", **stood)  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("method", "told"),
+    [("recommended", False), ("recommended", True), ("m3c2", False), ("c2c", False), ("occupancy", False)],
+)
+def test_repeated_points_and_fillers_hide_nothing(method: str, told: bool) -> None:
+    before, after = as_two_scans()
+    stood = {"before_origin": [0.4, 0.2, 2.0], "after_origin": [0.4, 0.2, 2.0]} if told else {}
+    new = np.arange(len(after)) >= len(before)
+    for old_cloud, new_cloud, truth in (
+        (before, after, new),
+        (before.repeat(12, axis=0), after.repeat(12, axis=0), new.repeat(12)),
+        (
+            np.vstack([before, np.zeros((4000, 3))]),
+            np.vstack([after, np.zeros((4000, 3))]),
+            np.append(new, [False] * 4000),
+        ),
+    ):
+        found = detect_changes(old_cloud, new_cloud, method=method, **stood)  # type: ignore[arg-type]
+        assert confusion(found.appeared, truth).recall > 0.95
+        assert found.appeared[~truth].mean() < 0.02
+
+
+def test_spacing_is_that_of_distinct_points() -> None:
+    rng = np.random.default_rng(0)
+    cloud = rng.uniform(0, 1, (500, 3))
+    once = point_spacing(cloud)
+    shuffled = cloud.repeat(rng.integers(1, 30, 500), axis=0)
+    assert point_spacing(shuffled) == once
+    np.testing.assert_array_equal(distinct(shuffled), cloud)
+    assert point_spacing(np.zeros((50, 3))) == 0
+
+
+@pytest.mark.parametrize(
+    ("method", "option", "values"),
+    [
+        ("greedy", "max_components", (None, "5", [5], True, 0, 2.5)),
+        ("greedy", "ground", (["means"], None)),
+        ("greedy", "leaf_size", (0, "x")),
+        ("shared", "max_components", (None, "5", [5], True)),
+        ("shared", "share", ("x", [0.7], 1)),
+        ("shared", "false_alarms", (0, -1, "x", None, np.nan)),
+        ("shared", "patch_size", (0, "x")),
+        ("shared", "leaf_size", (0, True)),
+        ("shared", "before_frames", ([1], "x", 3)),
+        ("shared", "before_origin", ([0, 0], "x")),
+        ("recommended", "leaf_size", (0, "x", [0.1], np.nan)),
+        ("recommended", "after_frames", ([1], "x")),
+        ("c2c", "noise", (None, "x")),
+        ("m3c2", "leaf_size", (0, "x", [0.1])),
+        ("m3c2", "cylinder_radius", (0, -1, "x", 1e-12)),
+        ("m3c2", "max_depth", (0, None, "x")),
+        ("m3c2", "alignment_error", (None, "x")),
+        ("occupancy", "alignment_error", (None, "x", -1)),
+        ("occupancy", "leaf_size", (0, [0.1])),
+    ],
+    ids=str,
+)
+def test_options_of_a_wrong_kind_are_named(method: str, option: str, values: tuple[object, ...]) -> None:
+    for value in values:
+        with pytest.raises(ValueError, match=option):
+            detect_changes(*floor_with(0.4), method=method, **{"max_components": 3, option: value})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("method", ["shared", "recommended"])
+def test_no_frames_are_as_good_as_not_told(method: str) -> None:
+    pair = as_two_scans()
+    answers = [
+        detect_changes(*pair, method=method, max_components=4, before_frames=frames, after_frames=frames)
+        for frames in (None, (), [])
+    ]
+    assert answers[0].appeared.any()
+    assert all(np.array_equal(answers[0].appeared, other.appeared) for other in answers[1:])
+
+
+@pytest.mark.parametrize("method", list(METHODS.values()))
+def test_clouds_of_different_dimension_are_refused_by_each_method(method) -> None:
+    with pytest.raises(CloudError, match="after: shape"):
+        method(np.zeros((9, 3)), np.zeros((9, 2)))
+
+
+def test_a_place_is_judged_only_from_a_position() -> None:
+    cloud = np.zeros((9, 3))
+    with pytest.raises(CloudError, match=r"origin: shape \(2,\)"):
+        judge(cloud, cloud, origin=[0, 0])
+    with pytest.raises(CloudError, match=r"origin: .* holds NaN"):
+        judge(cloud, cloud, origin=[0, 0, np.nan])
+    with pytest.raises(CloudError, match="frames: holds int"):
+        judge(cloud, cloud, frames=[1])  # type: ignore[list-item]

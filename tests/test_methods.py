@@ -85,7 +85,10 @@ def test_an_unknown_option_is_refused_with_those_the_method_takes(spy, option):
         ({"after": "scan.ply"}, "after: not an array of numbers"),
         ({"after": np.zeros((5, 2))}, "before, after: 3 and 2 dimensions; expected the same"),
         ({"before_origin": [0.0, 1.0]}, r"before_origin: shape \(2,\); expected \(3,\) finite metres"),
-        ({"after_origin": [0.0, 1.0, np.nan]}, r"after_origin: shape \(3,\); expected \(3,\) finite metres"),
+        (
+            {"after_origin": [0.0, 1.0, np.nan]},
+            r"after_origin: \[0.0, 1.0, nan\] holds NaN or infinity; expected \(3,\)",
+        ),
         ({"after_origin": ["here", "or", "there"]}, "after_origin: not an array of numbers"),
     ],
     ids=str,

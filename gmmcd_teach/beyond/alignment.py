@@ -55,7 +55,8 @@ def align(
     array([-0.02,  0.  ,  0.03])
     """
     for name, value in (("max_distance", max_distance), ("leaf_size", leaf_size), ("max_iter", max_iter)):
-        if value is not None and not (isinstance(value, Real) and 0 < value < np.inf):
+        given = value is not None or name != "leaf_size"
+        if given and (isinstance(value, bool) or not (isinstance(value, Real) and 0 < value < np.inf)):
             raise ValueError(f"{name} = {value!r}; expected a positive number")
     start, goal = check_points(moving, "moving", dimensions=(3,)), check_points(fixed, "fixed", dimensions=(3,))
     leaf = leaf_size or 3 * max(point_spacing(start), point_spacing(goal)) or 1.0

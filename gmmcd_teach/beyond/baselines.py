@@ -14,6 +14,7 @@ from gmmcd_teach.clouds import Floats, check_points
 from gmmcd_teach.detection import Bools, Detection, Stopwatch
 
 SIGMAS = 3.0  # a distance this many standard deviations long is no accident
+MAX_SLICES = 10_000  # of the cylinder of M3C2 on each side of its middle
 
 
 def detect_c2c(before: ArrayLike, after: ArrayLike, *, noise: float = 0.01, alignment_error: float = 0.01) -> Detection:
@@ -30,7 +31,7 @@ def detect_c2c(before: ArrayLike, after: ArrayLike, *, noise: float = 0.01, alig
     Raises
     ------
     CloudError
-        A cloud cannot be used.
+        A cloud cannot be used, or the clouds differ in dimension.
     ValueError
         An option is not a length.
 
@@ -41,7 +42,8 @@ def detect_c2c(before: ArrayLike, after: ArrayLike, *, noise: float = 0.01, alig
     array([50])
     """
     check_lengths(noise=noise, alignment_error=alignment_error)
-    old, new = check_points(before, "before"), check_points(after, "after")
+    old = check_points(before, "before")
+    new = check_points(after, "after", dimensions=old.shape[1:])
     watch = Stopwatch()
     reach = SIGMAS * np.hypot(noise, alignment_error) + max(point_spacing(old), point_spacing(new))
     changed = [nearest(KDTree(there), here)[0][:, 0] > reach for here, there in ((new, old), (old, new))]
@@ -67,7 +69,7 @@ def detect_m3c2(
     before, after : (N, 3) metres.
     leaf_size : metres, size of the cells; None takes twice the spacing of the points.
     cylinder_radius : metres; None takes 1.5 cells.
-    max_depth : metres, half the length of the cylinder.
+    max_depth : metres, half the length of the cylinder; at most 10,000 radii.
     alignment_error : metres, standard deviation of the registration.
 
     Raises
@@ -83,12 +85,19 @@ def detect_m3c2(
     >>> bool(detect_m3c2(floor, floor + [0, 0, 0.1]).appeared.all())
     True
     """
-    check_lengths(max_depth=max_depth, alignment_error=alignment_error)
+    check_lengths(alignment_error=alignment_error)
+    check_sizes(leaf_size=leaf_size, cylinder_radius=cylinder_radius)
+    if max_depth is None:
+        raise ValueError("max_depth = None; expected a finite length in metres above 0")
+    check_sizes(max_depth=max_depth)
     old, new = check_points(before, "before", dimensions=(3,)), check_points(after, "after", dimensions=(3,))
     watch = Stopwatch()
     leaf = leaf_size or 2 * max(point_spacing(old), point_spacing(new)) or 1.0
     radius = cylinder_radius or 1.5 * leaf
-    check_lengths(leaf_size=leaf, cylinder_radius=radius)
+    if max_depth > MAX_SLICES * radius:
+        raise ValueError(
+            f"cylinder_radius = {radius:g}; expected at least {max_depth / MAX_SLICES:g}: a larger leaf_size?"
+        )
     changed = []
     for here, there in ((new, old), (old, new)):
         cells = surface_of(here, leaf)
@@ -172,7 +181,7 @@ def detect_occupancy(
     Raises
     ------
     CloudError
-        A cloud cannot be used.
+        A cloud cannot be used, or the clouds differ in dimension.
     ValueError
         An option is not a length.
 
@@ -182,10 +191,12 @@ def detect_occupancy(
     >>> detect_occupancy(line, np.concatenate([line, [[2.0]]])).appeared.nonzero()[0]
     array([50])
     """
-    old, new = check_points(before, "before"), check_points(after, "after")
+    check_lengths(alignment_error=alignment_error)
+    check_sizes(leaf_size=leaf_size)
+    old = check_points(before, "before")
+    new = check_points(after, "after", dimensions=old.shape[1:])
     watch = Stopwatch()
     leaf = leaf_size or max(SIGMAS * alignment_error, point_spacing(old), point_spacing(new)) or 1.0
-    check_lengths(leaf_size=leaf, alignment_error=alignment_error)
     cells = [np.floor(cloud / leaf) for cloud in (new, old)]
     changed = [
         np.asarray(KDTree(np.unique(there, axis=0)).query(here, p=np.inf)[0]) > 1
@@ -210,3 +221,15 @@ def check_lengths(**lengths: float) -> None:
     for name, value in lengths.items():
         if isinstance(value, bool) or not (isinstance(value, Real) and 0 <= value < np.inf):
             raise ValueError(f"{name} = {value!r}; expected a finite length in metres, 0 or more")
+
+
+def check_sizes(**sizes: float | None) -> None:
+    """Raise a ValueError that names the first option that is neither a length above 0 in metres nor None.
+
+    Examples
+    --------
+    >>> check_sizes(leaf_size=0.02, patch_size=None)
+    """
+    for name, value in sizes.items():
+        if value is not None and (isinstance(value, bool) or not (isinstance(value, Real) and 0 < value < np.inf)):
+            raise ValueError(f"{name} = {value!r}; expected a finite length in metres above 0, or None")

@@ -27,10 +27,10 @@ from scipy.sparse.linalg import cg
 from scipy.spatial import KDTree
 
 from gmmcd_teach.beyond.alignment import align as aligned
-from gmmcd_teach.beyond.baselines import check_lengths, finished
+from gmmcd_teach.beyond.baselines import check_sizes, finished
 from gmmcd_teach.beyond.surface import Indices, Surface, nearest, point_spacing, surface_of
-from gmmcd_teach.beyond.visibility import looks
-from gmmcd_teach.clouds import Floats, check_points
+from gmmcd_teach.beyond.visibility import check_frames, check_origin, looks
+from gmmcd_teach.clouds import CloudError, Floats, check_points
 from gmmcd_teach.detection import Bools, Detection, Stopwatch
 from gmmcd_teach.lab.pair import DepthFrame
 from gmmcd_teach.lab.shapes import transform
@@ -42,6 +42,7 @@ SMOOTH = 0.94  # cosine between neighbouring normals (20 degrees) below which a 
 SEAM = 3e-4  # how well a seam conducts, beside 1 for a smooth surface
 STAYED, HIDDEN, UNTOLD = 0.1, 1e-3, 1e-4  # pull of evidence, beside 1 for a cell that was looked past
 VOTES = 0.05  # share of the frames that must have looked past: each has a pose error of its own
+APART = 1 / 3  # of the wider scan: surfaces that would be one surface over so far do not lie on each other
 FEWEST = 25  # cells with evidence of change: patches with fewer are outlines and stray points
 ROUNDS = 3  # how often what has changed is taken back as an explanation
 
@@ -76,18 +77,20 @@ def detect_recommended(
     Parameters
     ----------
     before, after : (N, 3) metres.
-    leaf_size : metres, edge of the cells that the work is done on; None takes twice the spacing of the points.
+    leaf_size : metres above 0, edge of the cells that the work is done on; None takes twice the spacing of the points.
     before_origin, after_origin : (3,) metres, where the sensor stood.
-    before_frames, after_frames : the depth frames behind each cloud, in place of one position. Where a scan's
-        sensor is unknown, everything counts as looked past that has no surface near it in the other scan.
+    before_frames, after_frames : the depth frames behind each cloud, in place of one position (none: not told). Where
+        a scan's sensor is unknown, everything counts as looked past that has no surface near it in the other scan.
     align : lay `after` on `before` first (`beyond.alignment.align`); the answer is for the clouds as given.
 
     Raises
     ------
     CloudError
-        A cloud cannot be used.
+        A cloud, an origin or a frame cannot be used; or the scans, aligned, do not lie on each other: the boxes around
+        them do not touch, or the noise, measured between them, would make one surface of a third of the place. They
+        are then in two frames or two units, or hardly of one place, and what has changed cannot be told.
     ValueError
-        `leaf_size` is not a length.
+        `leaf_size` is not a length above 0.
 
     Examples
     --------
@@ -98,8 +101,12 @@ def detect_recommended(
     >>> bool(found.appeared[2500:].all()), bool(found.appeared[:2500].any()), bool(found.disappeared.any())
     (True, False, False)
     """
-    check_lengths(leaf_size=leaf_size or 0.0)
+    check_sizes(leaf_size=leaf_size)
     old, new = check_points(before, "before", dimensions=(3,)), check_points(after, "after", dimensions=(3,))
+    before_origin = check_origin(before_origin, "before_origin", 3)
+    after_origin = check_origin(after_origin, "after_origin", 3)
+    before_frames = check_frames(before_frames, "before_frames")
+    after_frames = check_frames(after_frames, "after_frames")
     watch = Stopwatch()
     motion = aligned(new, old) if align else np.eye(4)
     clouds = old, transform(motion, new)
@@ -112,7 +119,9 @@ def detect_recommended(
         for cloud, eyes in zip(clouds, sensors, strict=True)
     ]
     watch("filter")
-    tolerance = max(SIGMAS * surface_noise(*sides), leaf / 2)
+    noise = surface_noise(*sides)
+    tolerance = max(SIGMAS * noise, leaf / 2)
+    check_overlap(*clouds, SIGMAS * noise, tolerance + 2 * leaf)
     evidence = [
         weigh(sides[me], sides[you], clouds[you], origins[you], frames[you], leaf, tolerance)
         for me, you in ((0, 1), (1, 0))
@@ -148,6 +157,24 @@ def surface_noise(old: Surface, new: Surface) -> float:
     """Standard deviation in metres of one cloud's cells about the other's surface, if most have not changed."""
     gaps = np.concatenate([nearest_planes(a, b, 1)[2][:, 0] for a, b in ((old, new), (new, old))])
     return float(np.quantile(gaps, TYPICAL))
+
+
+def check_overlap(old: Floats, new: Floats, blur: float, margin: float) -> None:
+    """Raise a CloudError where two clouds, `margin` metres wider, do not touch, or are but a blur `blur` metres wide.
+
+    Examples
+    --------
+    >>> check_overlap(np.eye(3), np.eye(3) + 1, 0.1, margin=0.5)
+    """
+    gap = np.maximum(old.min(axis=0) - new.max(axis=0), new.min(axis=0) - old.max(axis=0)).max()
+    low, high = (np.array([np.quantile(cloud, q, axis=0) for cloud in (old, new)]) for q in (0.01, 0.99))
+    width = (high - low).max()  # of all but stray points
+    if gap > margin or blur > APART * width:
+        how = f"their boxes are {gap:.3g} m apart" if gap > margin else f"they fit only to within {blur:.3g} m"
+        raise CloudError(
+            f"before, after: the scans do not lie on each other: {how}; expected two scans of one place in one frame "
+            "and one unit, laid on each other (doubts() says what looks wrong; on the command line --align, --unit)"
+        )
 
 
 def weigh(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,16 @@ from scipy.optimize import linprog
 from scipy.spatial import KDTree
 from scipy.stats import binom
 
-from gmmcd_teach.beyond.baselines import check_lengths
+from gmmcd_teach.beyond.baselines import check_lengths, check_sizes
 from gmmcd_teach.beyond.surface import nearest
-from gmmcd_teach.beyond.visibility import looks
+from gmmcd_teach.beyond.visibility import check_frames, check_origin, looks
 from gmmcd_teach.clouds import CloudError, Floats, check_points
 from gmmcd_teach.detection import Bools, Detection, Stopwatch, em_progress, prepare
 from gmmcd_teach.em import fit_mixture
 from gmmcd_teach.filtering import voxel_downsample
 from gmmcd_teach.lab.pair import DepthFrame
 from gmmcd_teach.mixture import GaussianMixture, floats
+from gmmcd_teach.starts import check_number
 
 SEEN_THROUGH = 0.25  # share of a component that the other scan must have looked past, for it to have changed
 TOL = 1e-4  # the floor blurs what more steps of EM would tell
@@ -59,7 +61,8 @@ def detect_shared(
     before_origin, after_origin : (3,) metres, and
     before_frames, after_frames : the depth frames: where one of the two is told, a component has changed only if the
         other scan looked past a quarter of its patches, and past no fewer than it met again; and patches of the other
-        scan count only where they were met again, not where they are new or have come out of hiding.
+        scan count only where they were met again, not where they are new or have come out of hiding. No frames at all
+        are as good as not told.
     rng, progress : seed of the start of EM; show how far it has come.
     alignment_error : metres, how far the clouds may be off each other.
     share : of a component's patches that one cloud must hold for the other to lack it, above 0.5. None takes 0.7, or
@@ -75,7 +78,7 @@ def detect_shared(
     Raises
     ------
     CloudError
-        A cloud cannot be used.
+        A cloud, an origin or a frame cannot be used, or the clouds differ in dimension.
     ValueError
         An option is out of range.
 
@@ -87,12 +90,21 @@ def detect_shared(
     >>> bool(found.appeared[800:].all()), bool(found.appeared[:800].any())
     (True, False)
     """
-    check_lengths(alignment_error=alignment_error, false_alarms=false_alarms, patch_size=patch_size or 0.0)
+    check_lengths(alignment_error=alignment_error)
+    check_sizes(leaf_size=leaf_size, patch_size=patch_size)
+    check_number("max_components", max_components, 1, whole=True)
+    before_frames = check_frames(before_frames, "before_frames")
+    after_frames = check_frames(after_frames, "after_frames")
+    old = check_points(before, "before", dimensions=(3,) if before_frames or after_frames else ())
+    clouds = old, check_points(after, "after", dimensions=old.shape[1:])
+    before_origin = check_origin(before_origin, "before_origin", old.shape[1])
+    after_origin = check_origin(after_origin, "after_origin", old.shape[1])
     told = any(x is not None for x in (before_origin, after_origin, before_frames, after_frames))
     share = share if share is not None else 0.7 if told else 0.9
-    if not 0.5 < share < 1:
+    if not (isinstance(share, Real) and 0.5 < share < 1):
         raise ValueError(f"share = {share!r}; expected a number between 0.5 and 1")
-    clouds = check_points(before, "before"), check_points(after, "after")
+    if isinstance(false_alarms, bool) or not (isinstance(false_alarms, Real) and 0 < false_alarms < np.inf):
+        raise ValueError(f"false_alarms = {false_alarms!r}; expected a number of components above 0")
     watch = Stopwatch()
     patch = patch_size or 1.5 * max(alignment_error, 1e-3)
     old, new = (prepare(cloud, leaf_size, outlier_filter) for cloud in clouds)

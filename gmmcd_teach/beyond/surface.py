@@ -39,7 +39,7 @@ def nearest(tree: KDTree, points: Floats, k: int = 1, within: float = np.inf) ->
 def point_spacing(points: Floats, n_neighbors: int = 10, n_samples: int = 2000) -> float:
     """Edge in metres of the square of surface that one point stands for: median over every so many points.
 
-    A disc of radius r that holds k neighbours has pi r^2 / k of surface for each.
+    A disc of radius r that holds k neighbours has pi r^2 / k of surface for each. Repeated points count once.
 
     Examples
     --------
@@ -51,8 +51,24 @@ def point_spacing(points: Floats, n_neighbors: int = 10, n_samples: int = 2000) 
     if k < 1:
         return 0.0
     sample = points[:: max(1, len(points) // n_samples)]
-    radius = nearest(KDTree(points), sample, k + 1)[0][:, -1]
-    return float(np.median(radius) * np.sqrt(np.pi / k))
+    distance = nearest(KDTree(points), sample, k + 1)[0]
+    if (distance[:, 1] == 0).any() and len(once := distinct(points)) < len(points):
+        return point_spacing(once, n_neighbors, n_samples)
+    return float(np.median(distance[:, -1]) * np.sqrt(np.pi / k))
+
+
+def distinct(points: Floats) -> Floats:
+    """(M, D) the points without those that repeat another, in their order.
+
+    Examples
+    --------
+    >>> distinct(np.array([[2.0], [1.0], [2.0]])).tolist()
+    [[2.0], [1.0]]
+    """
+    order = np.lexsort(points.T)  # stable: of those that are equal the first stays the first
+    repeats = np.zeros(len(points), dtype=bool)
+    repeats[order[1:]] = (points[order[1:]] == points[order[:-1]]).all(axis=1)
+    return points[~repeats]
 
 
 def surface_of(points: Floats, leaf_size: float, n_neighbors: int = 12, towards: Floats | None = None) -> Surface:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import minimum_filter
 from scipy.spatial import KDTree
 
-from gmmcd_teach.beyond.surface import nearest
-from gmmcd_teach.clouds import Floats, check_points
+from gmmcd_teach.beyond.surface import distinct, nearest
+from gmmcd_teach.clouds import CloudError, Floats, check_points
 from gmmcd_teach.lab.camera import frame_pixels
 from gmmcd_teach.lab.pair import DepthFrame
+from gmmcd_teach.mixture import floats
 
 Ints = NDArray[np.int64]
 
@@ -85,7 +86,8 @@ def looks_from(points: Floats, origin: Floats, scan: Floats, margin: float, n_ra
     """The same for a scan of which only the points (M, 3) and the sensor's position (3,) are known.
 
     Each scanned point is a ray from the sensor. The `n_rays` rays next to a point's direction tell what was met
-    there; where none passes within three times the usual angle between rays, the scan says nothing.
+    there; where none passes within three times the usual angle between rays, the scan says nothing. Points that
+    repeat another are one ray.
 
     Examples
     --------
@@ -97,7 +99,10 @@ def looks_from(points: Floats, origin: Floats, scan: Floats, margin: float, n_ra
     """
     rays, measured = directions(scan, origin)
     tree = KDTree(rays)
-    step = float(np.median(nearest(tree, rays[:: max(1, len(rays) // 2000)], min(5, len(rays)))[0][:, -1]))
+    apart = nearest(tree, rays[:: max(1, len(rays) // 2000)], min(5, len(rays)))[0]
+    if (apart[:, 1:2] == 0).any() and len(once := distinct(scan)) < len(scan):
+        return looks_from(points, origin, once, margin, n_rays)
+    step = float(np.median(apart[:, -1]))
     wanted, distance = directions(points, origin)
     _, near = nearest(tree, wanted, min(n_rays, len(rays)), 3 * step + 1e-12)
     reach = np.append(measured, -np.inf)[near]  # (N, n_rays), -inf where no ray passes
@@ -113,6 +118,40 @@ def directions(points: Floats, origin: Floats) -> tuple[Floats, Floats]:
     ray = points - origin
     distance = np.linalg.norm(ray, axis=1)
     return ray / np.maximum(distance, 1e-12)[:, None], distance
+
+
+def check_origin(origin: ArrayLike | None, name: str, n_dimensions: int) -> Floats | None:
+    """(D,) position of a sensor in metres, or None; a CloudError where it is anything else.
+
+    Examples
+    --------
+    >>> check_origin([0, 0, 1], "before_origin", 3)
+    array([0., 0., 1.])
+    """
+    if origin is None:
+        return None
+    position = floats(origin, name)
+    if position.shape != (n_dimensions,):
+        raise CloudError(f"{name}: shape {position.shape}; expected ({n_dimensions},) finite metres")
+    if not np.isfinite(position).all():
+        raise CloudError(f"{name}: {position.tolist()} holds NaN or infinity; expected ({n_dimensions},) finite metres")
+    return position
+
+
+def check_frames(frames: Sequence[DepthFrame] | None, name: str) -> tuple[DepthFrame, ...] | None:
+    """The depth frames of a scan, or None where there are none; a CloudError where they are anything else.
+
+    Examples
+    --------
+    >>> check_frames([], "before_frames") is None
+    True
+    """
+    if frames is None:
+        return None
+    told = tuple(frames) if isinstance(frames, Iterable) else (frames,)
+    if strange := [frame for frame in told if not isinstance(frame, DepthFrame)]:
+        raise CloudError(f"{name}: holds {type(strange[0]).__name__}; expected a sequence of DepthFrame")
+    return told or None
 
 
 ANSWERS = ("unchanged", "changed", "unknown")
@@ -135,7 +174,7 @@ def judge(
     Raises
     ------
     CloudError
-        A cloud cannot be used.
+        A cloud, an origin or a frame cannot be used.
 
     Examples
     --------
@@ -145,5 +184,6 @@ def judge(
     ['changed', 'unchanged', 'unknown', 'unknown']
     """
     s, other = check_points(points, dimensions=(3,)), check_points(scan, "scan", dimensions=(3,))
+    origin, frames = check_origin(origin, "origin", 3), check_frames(frames, "frames")
     near = nearest(KDTree(other), s)[0][:, 0] <= margin
     return np.where(near, 0, np.where(looks(s, other, origin, frames, margin).past > 0, 1, 2))

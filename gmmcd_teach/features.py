@@ -112,6 +112,11 @@ def average_over_cells(points: Floats, features: Floats, counts: Floats, cell_si
     A cube's mean features hold its mean and its second moment, so sums over cubes equal sums over points wherever all
     points of a cube have the same responsibilities (Verbeek, Nunnink & Vlassis 2006).
 
+    Raises
+    ------
+    CloudError
+        The cubes are too small to be numbered.
+
     Examples
     --------
     >>> x = np.array([[0.1], [0.3], [1.5]])

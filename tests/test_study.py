@@ -26,7 +26,9 @@ from gmmcd_teach.study import (
     object_confusion,
     run,
     scan,
+    scan_means,
     score,
+    share_interval,
     summary,
 )
 from gmmcd_teach.study import runs as study_runs
@@ -159,6 +161,30 @@ def test_t_intervals_cover_the_mean_as_often_as_they_say():
     samples = np.random.default_rng(0).normal(2.0, 1.0, (2000, 4))
     hits = [abs(2 - (i := mean_interval(x)).mean) <= (i.high - i.low) / 2 for x in samples]
     assert np.mean(hits) == pytest.approx(0.95, abs=0.015)
+
+
+@given(st.integers(1, 60), st.integers(0, 60), st.sampled_from([0.8, 0.95]))
+@settings(max_examples=50, deadline=None)
+def test_the_interval_of_a_share_is_scipys(n, cases, level):
+    cases = min(cases, n)
+    ours = share_interval(np.arange(n) < cases, level=level)
+    theirs = stats.binomtest(cases, n).proportion_ci(level, method="exact")
+    assert (ours.low, ours.high) == pytest.approx((theirs.low, theirs.high), abs=1e-9)
+    assert (ours.mean, ours.n) == (pytest.approx(cases / n), n)
+
+
+def test_a_share_of_nothing_and_of_parts():
+    assert np.isnan(share_interval([]).mean)
+    assert share_interval([0.5, 0.5]) == share_interval([False, True])
+
+
+def test_each_scan_counts_once():
+    """However many starts one scan has, it has one voice; what was never asked has none."""
+    runs = pd.DataFrame({"scene": list("aaaaab"), "seed": [0, 0, 0, 0, 1, 0], "f1": [0.0, 0.0, 0.0, np.nan, 1.0, 0.5]})
+    voices = scan_means(runs, [], ["f1"])
+    assert voices[["scene", "seed", "f1"]].values.tolist() == [["a", 0, 0.0], ["a", 1, 1.0], ["b", 0, 0.5]]
+    apart = scan_means(runs.assign(way=list("xyxyxy")), ["way"], ["f1"])
+    assert apart[["scene", "way"]].values.tolist() == [["a", "x"], ["a", "y"], ["a", "x"], ["b", "y"]]
 
 
 def test_few_values_and_wrong_options():
@@ -314,8 +340,9 @@ def test_the_metric_table_averages_what_had_something_to_find():
         rows = runs[(runs.order == order) & (runs.direction == direction) & (runs.level == "component")]
         assert len(rows) == 8
         assert table.loc[(direction, "f1"), "mean"] == pytest.approx(rows.f1.mean())
-        assert table.loc[(direction, "f1"), "n"] == 8
-    assert (table["scans"] == 4).all()
+        assert table.loc[(direction, "f1"), "n"] == 4, "two starts on each of four scans"
+        by_scan = rows.groupby(["scene", "seed"]).f1.mean()
+        assert table.loc[(direction, "f1"), "low"] == pytest.approx(mean_interval(by_scan, within=(0, 1)).low)
     assert table.loc["appeared", "paper"].tolist() == PUBLISHED_METRICS["one"].tolist()
     assert table.loc["disappeared", "paper"].isna().all()
     lenient, strict = (runs[runs.level == level].reset_index() for level in ("overlap", "component"))

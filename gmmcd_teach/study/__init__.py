@@ -4,14 +4,14 @@ from gmmcd_teach.study.claims import CLAIMS, RULES, VERDICTS, Claim, verdict
 from gmmcd_teach.study.explain import CHANGES, explained_runs, only
 from gmmcd_teach.study.fragments import merge_fragments, merged_confusion
 from gmmcd_teach.study.grids import GRIDS, LEAF, LEAVES, SIZES, measured
-from gmmcd_teach.study.intervals import Interval, mean_interval, summary
+from gmmcd_teach.study.intervals import Interval, mean_interval, share_interval, summary
 from gmmcd_teach.study.ledger import MEASURES, ledger, welch
 from gmmcd_teach.study.runs import run
 from gmmcd_teach.study.runtime import PUBLISHED_RUNTIME, growth, pareto_front, runtime_runs
 from gmmcd_teach.study.scans import backwards, scan
 from gmmcd_teach.study.scores import component_confusion, object_confusion, score
 from gmmcd_teach.study.sweep import at_edge, scored_rows, sweep_runs
-from gmmcd_teach.study.tables import PUBLISHED_METRICS, harmonic_bounds, metric_runs, metric_table
+from gmmcd_teach.study.tables import PUBLISHED_METRICS, harmonic_bounds, metric_runs, metric_table, scan_means
 
 __all__ = [
     "CHANGES",
@@ -46,8 +46,10 @@ __all__ = [
     "run",
     "runtime_runs",
     "scan",
+    "scan_means",
     "score",
     "scored_rows",
+    "share_interval",
     "summary",
     "sweep_runs",
     "verdict",

@@ -52,8 +52,8 @@ GRIDS: dict[str, tuple[Callable[..., Any], list[Row]]] = {
     "explained": (
         explained_runs,
         [
-            *arguments({**_FRAMES, "seed": range(5), "change": CHANGES[1:], "leaf_size": (LEAF,)}),
-            *arguments({**_MAPS, "change": ("no shadows", "one fit"), "leaf_size": (0.05,)}),
+            *arguments({**_FRAMES, "seed": range(5), "change": CHANGES, "leaf_size": (LEAF,)}),
+            *arguments({**_MAPS, "change": CHANGES[:2] + CHANGES[-2:], "leaf_size": (0.05,)}),
         ],
     ),
 }

@@ -46,7 +46,7 @@ def mean_interval(
 
     Parameters
     ----------
-    values : (n,) one number for each run.
+    values : (n,) one number for each run; runs on one scan are not independent: average them first, see `scan_means`.
     kind : "t", Student's interval, mean +- t s / sqrt(n), honest for few runs; "bootstrap", the percentiles of the
         means of resamples (Efron 1979), too narrow below some ten runs.
     level : coverage, between 0 and 1.
@@ -83,6 +83,35 @@ def mean_interval(
         means = np.random.default_rng(rng).choice(x, (RESAMPLES, n)).mean(axis=1)
         low, high = map(float, np.quantile(means, [(1 - level) / 2, (1 + level) / 2]))
     return Interval(mean, max(low, float(within[0])), min(high, float(within[1])), n)
+
+
+def share_interval(happened: ArrayLike, *, level: float = 0.95) -> Interval:
+    """Share of independent values in which something happened, with the interval of Clopper and Pearson (1934).
+
+    Student's interval has no width where all values agree. This one asks which true shares could have given so many
+    cases, and keeps a width that depends on their number; it covers at least as often as it says.
+
+    Parameters
+    ----------
+    happened : (n,) False or True, or a share between them where a value is itself a mean of several tries.
+    level : coverage, between 0 and 1.
+
+    Returns
+    -------
+    No value at all has the mean NaN.
+
+    Examples
+    --------
+    >>> print(share_interval([False] * 10))
+    0.00 [0.00, 0.31]
+    """
+    x = np.asarray(happened, dtype=np.float64).ravel()
+    n, cases, tail = len(x), float(x.sum()), (1 - level) / 2
+    if n == 0:
+        return Interval(float("nan"), 0.0, 1.0, 0)
+    low = float(stats.beta.ppf(tail, cases, n - cases + 1)) if cases > 0 else 0.0
+    high = float(stats.beta.ppf(1 - tail, cases + 1, n - cases)) if cases < n else 1.0
+    return Interval(cases / n, low, high, n)
 
 
 def summary(table: pd.DataFrame, by: Sequence[str], columns: Sequence[str], **options: Any) -> pd.DataFrame:

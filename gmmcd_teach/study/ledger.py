@@ -9,12 +9,12 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from gmmcd_teach.study.claims import CLAIMS, Claim, verdict
+from gmmcd_teach.study.claims import CLAIMS, Claim, too_few, verdict
 from gmmcd_teach.study.grids import LEAVES, SIZES
-from gmmcd_teach.study.intervals import Interval, mean_interval
+from gmmcd_teach.study.intervals import Interval, mean_interval, share_interval
 from gmmcd_teach.study.reasons import reason
 from gmmcd_teach.study.runtime import PUBLISHED_RUNTIME, growth
-from gmmcd_teach.study.tables import PUBLISHED_METRICS, Tables, appeared, at
+from gmmcd_teach.study.tables import PUBLISHED_METRICS, Tables, appeared, at, scan_means
 
 Measure = Callable[[Tables], Interval]
 SHARE = (0.0, 1.0)
@@ -39,8 +39,8 @@ def ledger(tables: Tables) -> pd.DataFrame:
 
     Returns
     -------
-    `claim`, `where`, `says`, `paper` (text), `measured` (what our number is), `mean`, `low`, `high`, `n`, `rule`,
-    `verdict`, `why` (one sentence).
+    `claim`, `where`, `says`, `paper` (text), `measured` (what our number is), `mean`, `low`, `high`, `n`, `unit` (what
+    n counts), `rule`, `verdict`, `few` (are there too few scans for the rule?), `why` (one sentence).
 
     Raises
     ------
@@ -65,8 +65,10 @@ def ledger(tables: Tables) -> pd.DataFrame:
                 "paper": printed(claim),
                 "measured": claim.measured,
                 **vars(ours),
+                "unit": claim.unit,
                 "rule": claim.rule,
                 "verdict": verdict(claim, ours),
+                "few": too_few(claim, ours),
                 "why": reason(claim, ours, tables),
             }
         )
@@ -89,18 +91,25 @@ def printed(claim: Claim) -> str:
 def welch(a: ArrayLike, b: ArrayLike, level: float = 0.95) -> Interval:
     """Difference of the means of two independent groups, with Welch's interval; NaN is left out.
 
+    Returns
+    -------
+    `n` is the size of the smaller group. One value has no spread: with a group of one the interval is the whole line.
+
     Examples
     --------
     >>> print(welch([1.0, 2.0, 3.0], [0.0, 1.0, 2.0]))
     1.00 [-1.27, 3.27]
     """
     x, y = (v[~np.isnan(v)] for v in (np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)))
-    mean, (p, q) = float(x.mean() - y.mean()), (v.var(ddof=1) / len(v) for v in (x, y))
+    mean, n = float(x.mean() - y.mean()), min(len(x), len(y))
+    if n < 2:
+        return Interval(mean, -np.inf, np.inf, n)
+    p, q = (v.var(ddof=1) / len(v) for v in (x, y))
     if p + q == 0:
-        return Interval(mean, mean, mean, len(x) + len(y))
+        return Interval(mean, mean, mean, n)
     freedom = (p + q) ** 2 / (p**2 / (len(x) - 1) + q**2 / (len(y) - 1))
     half = float(stats.t.ppf((1 + level) / 2, freedom) * np.sqrt(p + q))
-    return Interval(mean, mean - half, mean + half, len(x) + len(y))
+    return Interval(mean, mean - half, mean + half, n)
 
 
 def _best(metric: str, winner: str) -> Measure:
@@ -121,7 +130,7 @@ def _disappearances(tables: Tables) -> Interval:
     keys, rows = ["scene", "seed", "start"], tables["metrics"]
     forward = at(rows, "component", order="forward", direction="appeared").set_index(keys)["f1"]
     backward = at(rows, "component", order="backward", direction="disappeared").set_index(keys)["f1"]
-    return mean_interval((forward - backward).dropna())
+    return mean_interval((forward - backward).groupby(["scene", "seed"]).mean().dropna())
 
 
 def _area(tables: Tables) -> Interval:
@@ -144,7 +153,7 @@ def _saved(tables: Tables) -> Interval:
 
 def _stars(tables: Tables) -> Interval:
     rows = at(tables["frames"])
-    return mean_interval([*rows["n_before"], *rows["n_after"]])
+    return mean_interval((rows["n_before"] + rows["n_after"]) / 2)
 
 
 def _mixed(tables: Tables) -> Interval:
@@ -160,8 +169,13 @@ def _metric(metric: str, objects: str) -> Measure:
     return lambda tables: mean_interval(appeared(tables, metric, objects), within=SHARE)
 
 
-def _share(table: str, holds: Callable[[pd.DataFrame], ArrayLike], **where: object) -> Measure:
-    return lambda tables: mean_interval(np.asarray(holds(at(tables[table], **where)), dtype=float), within=SHARE)  # type: ignore[arg-type]
+def _share(table: str, holds: Callable[[pd.DataFrame], ArrayLike], level: str = "point", **where: object) -> Measure:
+    def measure(tables: Tables) -> Interval:
+        rows = at(tables[table], level, **where)
+        happened = rows.assign(happened=np.asarray(holds(rows), dtype=float))
+        return share_interval(scan_means(happened, [], ["happened"])["happened"])
+
+    return measure
 
 
 MEASURES: dict[str, Measure] = {
@@ -186,7 +200,9 @@ MEASURES: dict[str, Measure] = {
     "docked-missed": _share("maps", lambda rows: rows["missed"].str.contains("astrobee"), scene="three_objects"),
     "k10-missed": _share("sweep", lambda rows: rows["missed"] != "", max_components=SIZES[0]),
     "area-shrinks": _area,
-    "k50-fragments": lambda tables: mean_interval(at(tables["sweep"], max_components=SIZES[-1])["n_true"]),
+    "k50-fragments": lambda tables: mean_interval(
+        _paired(at(tables["sweep"], max_components=SIZES[-1]), at(tables["sweep"], max_components=25), column="n_true")
+    ),
     "k25-best": _balance,
     "pca-keeps": lambda tables: mean_interval(_paired(at(tables["plane"]), at(tables["frames"]))),
     "pca-saves": _saved,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -70,10 +70,7 @@ def metric_runs(scene: str, seed: int, starts: int = 1, **options: Any) -> list[
 
 
 def metric_table(runs: pd.DataFrame, level: str = "component") -> pd.DataFrame:
-    """The paper's table of metrics beside ours: mean and 95 % t-interval over runs, for both directions.
-
-    Runs on the same scans differ in EM's start only, so where `scans` is less than `n` the interval tells how far the
-    starts scatter, and too little of how far scans do.
+    """The paper's table of metrics beside ours: mean and 95 % t-interval over scans, for both directions.
 
     Parameters
     ----------
@@ -83,7 +80,7 @@ def metric_table(runs: pd.DataFrame, level: str = "component") -> pd.DataFrame:
     Returns
     -------
     Tidy: `objects`, `direction`, `metric`, `paper` (appearances on components only, else NaN), `mean`, `low`, `high`,
-    `n` (runs in which the metric was defined), `scans`.
+    `n`, the scans in which the metric was defined. Starts of EM on one scan are averaged first, see `scan_means`.
 
     Raises
     ------
@@ -100,13 +97,35 @@ def metric_table(runs: pd.DataFrame, level: str = "component") -> pd.DataFrame:
     asked = runs[(runs["level"] == level) & ((runs["order"] == "forward") == (runs["direction"] == "appeared"))]
     if asked.empty:
         raise ValueError(f"level = {level!r}; expected one of {', '.join(map(repr, runs['level'].unique()))}")
-    table = summary(asked, ["objects", "direction"], METRICS, within=(0, 1))
-    scans = asked.groupby("objects").apply(lambda rows: len(rows[["scene", "seed"]].drop_duplicates()))
+    scans = scan_means(asked, ["objects", "direction"], METRICS)
+    table = summary(scans, ["objects", "direction"], METRICS, within=(0, 1))
     known = PUBLISHED_METRICS.to_dict() if level in ("component", "overlap") else {}
     keys = zip(table["objects"], table["direction"], table["metric"], strict=True)
     printed = [known.get(o, {}).get(m, np.nan) if d == "appeared" else np.nan for o, d, m in keys]
     table.insert(3, "paper", printed)
-    return table.assign(scans=table["objects"].map(scans))
+    return table
+
+
+def scan_means(runs: pd.DataFrame, by: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
+    """Means over the runs on each scan, so that each scan counts once: starts of EM on one scan are not independent.
+
+    Parameters
+    ----------
+    runs : one row for each run, with `scene` and `seed`.
+    by : columns that tell apart what is not to be averaged.
+    columns : what to average; NaN is left out.
+
+    Returns
+    -------
+    One row for each scan and group: `scene`, `seed`, `by`, `columns`.
+
+    Examples
+    --------
+    >>> runs = pd.DataFrame({"scene": "a", "seed": [0, 0, 1], "f1": [0.0, 1.0, 0.25]})
+    >>> scan_means(runs, [], ["f1"])["f1"].tolist()
+    [0.5, 0.25]
+    """
+    return runs.groupby(["scene", "seed", *by], sort=False)[list(columns)].mean().reset_index()
 
 
 def at(table: pd.DataFrame, level: str = "point", **where: object) -> pd.DataFrame:
@@ -124,17 +143,17 @@ def at(table: pd.DataFrame, level: str = "point", **where: object) -> pd.DataFra
 
 
 def appeared(tables: Tables, metric: str, objects: str) -> pd.Series[float]:
-    """The metric of each run on scenes of so many objects, counted on components as the paper does.
+    """The metric of each scan with so many objects, counted on components as the paper does: the mean over starts.
 
     Examples
     --------
-    >>> labels = {"level": "component", "order": "forward", "direction": "appeared"}
-    >>> runs = pd.DataFrame([labels | {"objects": "one", "f1": 0.3}, labels | {"objects": "two", "f1": 0.4}])
+    >>> labels = {"level": "component", "order": "forward", "direction": "appeared", "scene": "two_objects", "seed": 0}
+    >>> runs = pd.DataFrame([labels | {"objects": "two", "f1": f1} for f1 in (0.25, 0.75)])
     >>> appeared({"metrics": runs}, "f1", "two").tolist()
-    [0.4]
+    [0.5]
     """
     rows = at(tables["metrics"], "component", order="forward", direction="appeared", objects=objects)
-    return rows[metric]
+    return scan_means(rows, [], [metric])[metric]
 
 
 def harmonic_bounds(precision: float, recall: float, rounding: float = 0.0) -> tuple[float, float]:

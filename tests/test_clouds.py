@@ -218,17 +218,36 @@ def test_organised_pcd_with_padding_and_vectors(tmp_path):
         (".xyz", "# label x y z\n7 1 2 3\n8 4 5 6\n", ["label", "x", "y", "z"]),
         (".xyz", "//X Y Z\r\n1 2 3\r\n4 5 6\r\n", ["x", "y", "z"]),
         (".csv", "x,y,z\n1,2,3\n4,5,6\n", ["x", "y", "z"]),
-        (".csv", '"Label";"X";"Y";"Z"\n7; 1; 2; 3\n8; 4; 5; 6\n', ["label", "x", "y", "z"]),
+        (".csv", '"Label";"X";"Y";"Z"\n7; 1; 2; 3\n8; 4; 5; 6\n', ["Label", "x", "y", "z"]),
         (".csv", "\ufeffx,y,z,note\n1,2,3,nan\n4,5,6,1e3\n", ["x", "y", "z", "note"]),
         (".csv", "1,2,3\n4,5,6", ["x", "y", "z"]),
         (".csv", "# two rows\n1, 2, 3\n4, 5, 6\n", ["x", "y", "z"]),
+        (".csv", "x,y,z,X\n1,2,3,7\n4,5,6,8\n", ["x", "y", "z", "X"]),
+        (".csv", "x,y,z\r1,2,3\r4,5,6\r", ["x", "y", "z"]),
+        (".csv", "1,2 ,3 ,4\n4,5 ,6 ,7\n", ["x", "y", "z", "column_3"]),
     ],
-    ids=range(9),
+    ids=range(12),
 )
 def test_text_tables(tmp_path, suffix, text, columns):
     (tmp_path / f"a{suffix}").write_bytes(text.encode())
     assert list(read_fields(tmp_path / f"a{suffix}")) == columns
     np.testing.assert_array_equal(read_cloud(tmp_path / f"a{suffix}"), [[1, 2, 3], [4, 5, 6]])
+
+
+@pytest.mark.parametrize("order", ["utf-16", "utf-16-be"])
+def test_text_of_two_bytes_a_character(tmp_path, order):
+    mark = b"\xfe\xff" if order == "utf-16-be" else b""
+    (tmp_path / "a.csv").write_bytes(mark + "x;y;z\r\n1;2;3\r\n".encode(order))
+    np.testing.assert_array_equal(read_cloud(tmp_path / "a.csv"), [[1, 2, 3]])
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".xyz", ".npz", ".ply", ".pcd"])
+def test_names_of_columns_keep_their_capitals(tmp_path, suffix):
+    write_cloud(tmp_path / f"a{suffix}", POINTS, X=[7, 8, 9], Label=[1, 2, 3])
+    np.testing.assert_allclose(read_cloud(tmp_path / f"a{suffix}"), POINTS, rtol=0, atol=1e-5)
+    fields = read_fields(tmp_path / f"a{suffix}")
+    np.testing.assert_array_equal(fields["X"], [7, 8, 9])
+    np.testing.assert_array_equal(fields["Label"], [1, 2, 3])
 
 
 @pytest.mark.parametrize("dtype", ["<f4", ">f8", "<i2", "|u1"])
@@ -346,7 +365,12 @@ BAD_FILES = {
     "ragged.xyz": (b"1 2 3\n4 5\n", "changed from 3 to 2"),
     "two.xyz": (b"1 2\n4 5\n", "no column 'z'"),
     "words.xyz": (b"hello world and\nall who live in it\n", "stands where numbers belong"),
-    "later.xyz": (b"1 2 3\n4 five 6\n", "five"),
+    "later.xyz": (b"1 2 3\n4 five 6\n", "line 2: .*'five'.*, column 2; expected numbers only"),
+    "under_a_heading.csv": (b"x,y,z\n1,2,3\n\n4,5,tea\n", "line 4: .*'tea'"),
+    "ragged_heading.csv": (b"x,y,z\n1,2,3\n4,5\n", "line 3: the number of columns changed from 3 to 2;"),
+    "named.xyz": (b"1 2 3 chair\n", "line 1: .*'chair'.*numbers only"),
+    "row.ply": (ply("ascii", b"1 2 3\n4 5 6\n7 8 nine\n"), "row 3: .*'nine'"),
+    "row.pcd": (pcd("ascii", b"1 2 3 4\n1 2 b 4\n1 2 3 4\n"), "row 2: .*'b'"),
     "comments.xyz": (b"# nothing\n# here\n", "0 points"),
     "binary.xyz": (bytes(range(256)), "numbers|points"),
     "blank.csv": (b"\n\n", "0 points"),
@@ -355,13 +379,18 @@ BAD_FILES = {
     "names.csv": (b"a,b,c\n1,2,3\n", "no column 'x'"),
     "twice.csv": (b"x,y,z,x\n1,2,3,4\n", "same name"),
     "gap.csv": (b"x,y,z\n1,,3\n", "could not convert"),
-    "decimal.csv": (b"1,5;2,5;3,5\n" * 2, "stands where numbers belong"),
+    "decimal.csv": (b"1,5;2,5;3,5\n" * 2, "has decimal commas; expected decimal points"),
+    "decimal_heading.csv": (b"x;y;z\n-1,5; 2,5;3,5\n", "decimal commas"),
+    "decimal.xyz": (b"1,5 2,5 3,5\n", "decimal commas"),
+    "half_a_character.csv": (b"\xff\xfe1\x00,", "not whole UTF-16"),
+    "unmarked.csv": ("1,2,3\n".encode("utf-16-le"), "no plain text"),
     "text.npy": (b"1 2 3\n", "does not begin as a .npy"),
     "pickle.npy": (npy(np.array([{}, []], dtype=object)), "plain array of numbers"),
     "complex.npy": (npy(np.ones((2, 3), dtype=complex)), "plain array of numbers"),
     "record.npy": (npy(np.zeros(2, [("x", "f8")])), "plain array of numbers"),
     "flat.npy": (npy(np.ones(3)), "shape \\(3,\\)"),
     "pairs.npy": (npy(np.ones((3, 2))), "shape \\(3, 2\\)"),
+    "side.npy": (npy(POINTS.repeat(2, axis=0).T), "shape \\(3, 6\\).*transpose it"),
     "zero.npy": (npy(np.ones((0, 3))), "holds 0"),
     "cut.npy": (npy(POINTS)[:-1], "truncated"),
     "header.npy": (npy(POINTS)[:40], "plain array of numbers"),

@@ -42,6 +42,15 @@ class TestLas:
         np.testing.assert_allclose(read_cloud(tmp_path / f"a{suffix}"), POINTS, rtol=0, atol=5.1e-4)
         np.testing.assert_array_equal(read_fields(tmp_path / f"a{suffix}")["intensity"], np.arange(50))
 
+    def test_points_far_apart_are_written_in_wider_steps_or_refused(self, laspy, tmp_path, suffix):
+        path = tmp_path / f"a{suffix}"
+        for length in (21_470.0, 21_480.0, 1e6):
+            corners = length * np.array([[0, 0, 0], [1, 1, 1], [0.3, 0.7, 1]])
+            write_cloud(path, corners - length / 3)
+            np.testing.assert_allclose(read_cloud(path), corners - length / 3, rtol=0, atol=length / 2**31 + 6e-6)
+        with pytest.raises(CloudError, match=rf"a\{suffix}: the points lie inf m apart"):
+            write_cloud(path, [[-1.7e308, 0, 0], [1.7e308, 0, 0]])
+
     def test_damaged_files_are_refused(self, laspy, tmp_path, suffix):
         path = tmp_path / f"a{suffix}"
         write_cloud(path, POINTS)
@@ -159,3 +168,19 @@ def test_points_are_not_written_as_an_image(tmp_path):
         with pytest.raises(CloudError, match=says):
             write_depth(tmp_path / "a.png", depth, intrinsics=(1, 1, 0, 0))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["a.json", "a.jpg", "a"])
+def test_a_depth_image_ends_in_png(tmp_path, name):
+    with pytest.raises(CloudError, match=r"suffix '.*'; expected \.png"):
+        write_depth(tmp_path / name, [[1.0]], intrinsics=(1, 1, 0, 0))
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_written_beside_a_depth_image_may_be_of_any_numeric_kind(tmp_path):
+    kinds = {"intrinsics": np.array([1, 1, 0, 0], np.float32), "scale": np.float32(0.5), "pose": np.eye(4, dtype=int)}
+    write_depth(tmp_path / "a.PNG", [[1.0, 2.0]], **kinds)
+    np.testing.assert_array_equal(read_depth(tmp_path / "a.PNG").depth, [[1.0, 2.0]])
+    for depth in ("x", [[1], [1, 2]]):
+        with pytest.raises(CloudError, match="depth is not an array of numbers"):
+            write_depth(tmp_path / "a.png", depth, intrinsics=(1, 1, 0, 0))

@@ -41,10 +41,12 @@ def parse_array(data: bytes) -> NDArray[Any]:
 
 
 def read_npy(data: bytes) -> Fields:
-    """Read an array (N, C), C >= 3, as columns x, y, z, column_3, ..."""
+    """Read an array (N, C), C >= 3, as columns x, y, z, column_3, ...; three rows of more columns lie on their side."""
     array = parse_array(data)
     if array.ndim != 2 or array.shape[1] < 3:
         raise Malformed(f"an array of shape {array.shape}; expected (N, 3) in metres")
+    if array.shape[0] == 3 < array.shape[1]:
+        raise Malformed(f"an array of shape {array.shape}; expected (N, 3) in metres: transpose it")
     return dict(
         zip(
             ["x", "y", "z", *(f"column_{i}" for i in range(3, array.shape[1]))],

@@ -44,13 +44,13 @@ def write_text_atomically(path: Path, text: str) -> None:
     write_atomically(path, lambda file: file.write(text.encode()))
 
 
-def check_folder(folder: Path) -> None:
+def check_folder(folder: Path, files: Sequence[str] = ()) -> None:
     """Refuse a folder for results that cannot be made or written to, before any work is done for it.
 
     Raises
     ------
     OSError
-        It is a file, lies below one, or the user may not write there.
+        It is a file, lies below one, or the user may not write there; or one of `files` is a folder in it.
     """
     if folder.exists() and not folder.is_dir():
         raise OSError(0, "a file; expected a folder, or a name that is free", str(folder))
@@ -59,6 +59,8 @@ def check_folder(folder: Path) -> None:
         raise OSError(0, f"{home.name} is a file; expected a folder", str(folder))
     if not os.access(home, os.W_OK | os.X_OK):
         raise OSError(0, f"no permission to write in {home}", str(folder))
+    if taken := [name for name in files if (folder / name).is_dir()]:
+        raise OSError(0, f"{taken[0]} in it is a folder; expected a file, or nothing", str(folder))
 
 
 @contextmanager
@@ -81,11 +83,12 @@ def place_folder(folder: Path, files: Sequence[str]) -> Iterator[Path]:
     OSError
         The disk is full, or the folder cannot be made.
     """
-    check_folder(folder)
+    check_folder(folder, files)
     draft = _home(folder) / f".{folder.name}.{uuid4().hex}"
     try:
         draft.mkdir()
         yield draft
+        check_folder(folder, files)
         with _undisturbed():
             if not folder.exists():
                 folder.parent.mkdir(parents=True, exist_ok=True)

@@ -78,8 +78,8 @@ def write_depth(
     Raises
     ------
     CloudError
-        The depth is no image or is too far for 16 bits, the rest is not what the top of this module says, or a file
-        cannot be written.
+        The path does not end in .png, the depth is no image or is too far for 16 bits, the rest is not what the top of
+        this module says, or a file cannot be written.
 
     Examples
     --------
@@ -91,11 +91,17 @@ def write_depth(
 
     from gmmcd_teach.clouds import CloudError
 
-    path, image = Path(path), np.asarray(depth, dtype=np.float64)
-    meaning = {"intrinsics": np.asarray(intrinsics).tolist(), "scale": scale}
-    meaning |= {} if pose is None else {"pose": np.asarray(pose).tolist()}
+    path = Path(path)
+    given = {"intrinsics": intrinsics, "scale": scale} | ({} if pose is None else {"pose": pose})
     try:
-        _checked(meaning)
+        if path.suffix.lower() != ".png":
+            raise Malformed(f"suffix {path.suffix!r}; expected .png")
+        scale, turn, pinhole = _checked(given)
+        meaning = {"intrinsics": pinhole, "scale": scale} | ({} if pose is None else {"pose": turn.tolist()})
+        try:
+            image = np.asarray(depth, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise Malformed("depth is not an array of numbers; expected (H, W) in metres") from None
         if image.ndim != 2 or image.size == 0:
             raise Malformed(f"depth of shape {image.shape}; expected (H, W) in metres")
         grey = np.rint(np.nan_to_num(image, nan=0.0, posinf=np.inf) / scale)

@@ -39,7 +39,11 @@ def write_las(file: BinaryIO, fields: Fields, *, packed: bool = False) -> None:
     header = laspy.LasHeader(point_format=0, version="1.4")
     points = np.stack([fields[axis] for axis in "xyz"], axis=1)  # (N, 3)
     header.offsets = points.min(axis=0)
-    header.scales = np.maximum(STEP, np.ptp(points, axis=0) / 2**31)
+    with np.errstate(over="ignore"):
+        extent = np.ptp(points, axis=0)
+    if not np.isfinite(extent).all():
+        raise Malformed(f"the points lie {extent.max()} m apart; expected less, or a .npz")
+    header.scales = np.maximum(STEP, extent / (2**31 - 2))  # 32-bit integers, and room for rounding
     extra = {name: column for name, column in fields.items() if name not in ("x", "y", "z")}
     if taken := sorted(set(extra) & {*header.point_format.dimension_names, "x", "y", "z"}):
         raise Malformed(f"column {taken[0]!r} has a meaning of its own in a .las file; expected another name")

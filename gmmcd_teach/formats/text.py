@@ -4,35 +4,51 @@ from __future__ import annotations
 
 import io
 import itertools
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Iterator
 from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gmmcd_teach.formats import Fields, Malformed, as_rows
+from gmmcd_teach.formats import HEADER_LIMIT, Fields, Malformed, as_rows
+
+DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+\s*[; \t]\s*[-+]?\d+,\d")
 
 
-def parse_rows(lines: Iterable[bytes], delimiter: str | None = None) -> NDArray[np.float64]:
-    """Return lines of numbers as a table (rows, columns); blank lines are skipped."""
-    rows = (text for line in lines if (text := line.decode("latin-1")).strip())
+def parse_rows(lines: Iterable[bytes], delimiter: str | None = None, start: int = 0) -> NDArray[np.float64]:
+    """Return lines of numbers as a table (rows, columns); blank lines are skipped.
+
+    `start` is the number in the file of the first line, for messages; where it is 0 they count rows from 1 on.
+    """
+    number = (start or 1) - 1
+
+    def texts() -> Iterator[str]:
+        nonlocal number
+        for line in lines:
+            number += 1
+            if (text := line.decode("latin-1")).strip():
+                yield text
+
+    rows = texts()
     first = next(rows, None)
     if first is None:
         raise Malformed("holds 0 points; at least 1 needed")
     try:
         return np.loadtxt(itertools.chain([first], rows), delimiter=delimiter, comments=None, ndmin=2)
     except ValueError as error:
-        reason = str(error).split(";")[0].rstrip(".")[:120]
-        raise Malformed(f"{reason}; expected equally many numbers in every row") from None
+        reason = re.sub(r" at row \d+", "", str(error).split(";")[0].rstrip("."))[:120]
+        where = f"{'line' if start else 'row'} {number}"
+        raise Malformed(f"{where}: {reason}; expected numbers only, equally many in every row") from None
 
 
 def read_text(data: bytes) -> Fields:
     """Read rows `x y z ...` between blanks, tabs, commas or semicolons.
 
     The rows may follow comments (# or //) and one line of column names; a comment may also name the columns.
-    Columns without a name are x, y, z, column_3, column_4, ...
+    Columns without a name are x, y, z, column_3, column_4, ... The coordinates may be named in capitals.
     """
-    data = data.removeprefix(b"\xef\xbb\xbf")
+    data = _plain(data)
     heading = comment = ""
     start = 0
     while True:
@@ -40,6 +56,8 @@ def read_text(data: bytes) -> Fields:
         line = data[start:end].decode("latin-1").strip()
         if start == len(data):
             raise Malformed("holds 0 points; at least 1 needed")
+        if DECIMAL_COMMA.match(line):
+            raise Malformed(f"{line[:40]!r} has decimal commas; expected decimal points")
         if line.startswith(("#", "//")):
             comment = line.lstrip("#/").strip()
         elif line and _is_number(_split(line)[0]):
@@ -50,11 +68,14 @@ def read_text(data: bytes) -> Fields:
             heading = heading or line
         start = end
     table = parse_rows(
-        itertools.islice(io.BytesIO(data), data.count(b"\n", 0, start), None),
+        itertools.islice(io.BytesIO(data), above := data.count(b"\n", 0, start), None),
         _delimiter(line),
+        above + 1,
     )
     n_columns = table.shape[1]
-    names = [word.strip('"').lower() for word in _split(heading or comment)]
+    names = [word.strip('"') for word in _split(heading or comment)]
+    if not {"x", "y", "z"} <= set(names):
+        names = [name.lower() if name in ("X", "Y", "Z") else name for name in names]
     if heading and len(names) != n_columns:
         raise Malformed(f"{len(names)} column names over {n_columns} columns; expected one name for each")
     if len(names) != n_columns or not (heading or {"x", "y", "z"} <= set(names)):
@@ -62,6 +83,19 @@ def read_text(data: bytes) -> Fields:
     if len(set(names)) != n_columns:
         raise Malformed("two columns have the same name; expected different names")
     return dict(zip(names, table.T, strict=True))
+
+
+def _plain(data: bytes) -> bytes:
+    """The text in one byte a character, with one mark at the end of each line."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        try:
+            data = data.decode("utf-16").encode()
+        except UnicodeDecodeError:
+            raise Malformed("not whole UTF-16; expected rows of numbers as plain text") from None
+    if b"\0" in data[:HEADER_LIMIT]:
+        raise Malformed("holds bytes of zero, so it is no plain text; expected rows of numbers as text")
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    return data if b"\n" in data else data.replace(b"\r", b"\n")
 
 
 def _delimiter(line: str) -> str | None:

@@ -26,23 +26,48 @@ def main(arguments: Sequence[str] | None = None) -> int:
     >>> main(["detect", "nowhere.ply", "nowhere.ply", "--out", "changes"])
     2
     """
-    options = parser().parse_args(arguments)
+    if sys.stderr is None:  # closed by the caller: print would turn to stdout
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+    options = parser().parse_args([as_value(word) for word in (sys.argv[1:] if arguments is None else arguments)])
     try:
-        check_folder(options.out)
+        check_folder(options.out, options.files)
         words = options.run(options)
     except KeyboardInterrupt:
         return complain("interrupted; nothing was written", 130)
     except MemoryError:
-        return complain("not enough memory; thin the scans with --leaf")
+        return complain("not enough memory; thin the scans with a larger --leaf")
     except OSError as error:
         return complain(f"{options.out}: cannot be written ({error.strerror or error})")
     except ValueError as error:  # CloudError is one
         return complain(str(error))
     try:
-        print(words, flush=True)
-    except BrokenPipeError:  # whoever read it has seen enough; the files are written
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print(printable(words), flush=True)
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is flushed at the end of the process
+        if not isinstance(error, BrokenPipeError):  # who closes a pipe has seen enough
+            return complain(f"written to {options.out}, but cannot be printed ({error.strerror})")
     return 0
+
+
+def as_value(word: str) -> str:
+    """The word, with a blank before a negative number: argparse takes -1e-3 for an option.
+
+    Examples
+    --------
+    >>> as_value("-1e-3"), as_value("--leaf")
+    (' -1e-3', '--leaf')
+    """
+    try:
+        float(word)
+    except ValueError:
+        return word
+    return f" {word}" if word.startswith("-") else word
+
+
+def printable(words: str) -> str:
+    """The words as the terminal can show them: what it has no sign for is spelt by its number."""
+    encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
+    return words.encode(encoding, "backslashreplace").decode(encoding)
 
 
 def complain(words: str, code: int = 2) -> int:
@@ -61,7 +86,8 @@ def parser() -> argparse.ArgumentParser:
     detect = parts.add_parser(
         "detect",
         help="find what appeared and what disappeared between two scans",
-        description=f"Find what appeared and what disappeared between two scans. Writes to DIR: {', '.join(FILES)}.",
+        description="Find what appeared and what disappeared between two scans. Writes to DIR, in metres and in the "
+        f"earlier scan's frame, whatever --unit and --align: {', '.join(FILES)}.",
         epilog=EXIT_CODES,
     )
     scans = f"{' '.join(FORMATS)}; a .png is a depth image, with a .json beside it"
@@ -73,16 +99,21 @@ def parser() -> argparse.ArgumentParser:
     add("--method", choices=tuple(METHODS), default=default_method(), help="how to detect (%(default)s)")
     add("--components", metavar="K", type=int, help=f"components at the start of EM ({commands.COMPONENTS})")
     add("--leaf", metavar="M", type=float, help=f"thin to one point per voxel of M metres ({leaves})")
-    add("--unit", choices=tuple(commands.UNITS), default="m", help="unit of the files (%(default)s)")
+    add(
+        "--unit",
+        choices=tuple(commands.UNITS),
+        default="m",
+        help="unit of the files (%(default)s); depth images know theirs",
+    )
     add("--align", action="store_true", help="lay the later scan on the earlier one first")
     add("--outliers", action="store_true", help="take out statistical outliers first")
     for side, scan in (("before", "earlier"), ("after", "later")):
         words = f"where the {scan} scan was taken from, metres; a depth image tells"
         add(f"--{side}-origin", metavar=("X", "Y", "Z"), type=float, nargs=3, help=words)
-    add("--seed", metavar="N", type=int, default=0, help="seed of the random starts (%(default)s)")
+    add("--seed", metavar="N", type=int, help=f"seed of the random starts ({commands.SEED})")
     add("--json", action="store_true", help="print the report as JSON instead of a table")
     add("--quiet", action="store_true", help="no progress on stderr; warnings stay")
-    detect.set_defaults(run=commands.detect)
+    detect.set_defaults(run=commands.detect, files=FILES)
     pair = parts.add_parser(
         "pair",
         help="write two scans to try things on",
@@ -92,7 +123,7 @@ def parser() -> argparse.ArgumentParser:
     pair.add_argument("name", metavar="NAME", help=f"real: {', '.join(TABLETOP_PAIRS)}; simulated: {', '.join(SCENES)}")
     pair.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder for the scans, made if need be")
     pair.add_argument("--seed", metavar="N", type=int, default=0, help="seed of a simulated pair (%(default)s)")
-    pair.set_defaults(run=commands.pair)
+    pair.set_defaults(run=commands.pair, files=commands.PAIR_FILES)
     return top
 
 

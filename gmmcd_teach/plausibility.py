@@ -6,17 +6,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from gmmcd_teach.beyond.surface import distinct
 from gmmcd_teach.clouds import Floats, check_points
 
 LARGE, SMALL = 500.0, 0.05  # metres; few scans of a place are wider than the one, none is narrower than the other
+STRAY = 100  # times as wide as the middle 98 % of its points: no scan is so wide but for stray points
+REPEATED = 0.1  # share of points that repeat another, from which on they are told
+UNLIKE = 4  # times as many points on one side
 N_SAMPLES = 2000
 
 
 def doubts(before: ArrayLike, after: ArrayLike) -> list[str]:
     """What looks wrong with two clouds (N, 3), (M, 3) that should be scans of one place in metres: one sentence each.
 
-    Asked are the size of each cloud and their ratio (another unit), the overlap of the boxes around them (another
-    frame), and how far the later points lie from the earlier ones (not aligned). No doubt is no proof.
+    Asked are stray and repeated points, the size of each cloud and their ratio (another unit), the numbers of points
+    (thinned, or a part), the overlap of the boxes around them (another frame), and how far the later points lie from
+    the earlier ones (not aligned). No doubt is no proof.
 
     Raises
     ------
@@ -35,10 +40,21 @@ def doubts(before: ArrayLike, after: ArrayLike) -> list[str]:
         "before": check_points(before, "before", dimensions=(3,)),
         "after": check_points(after, "after", dimensions=(3,)),
     }
-    sizes = {name: float(np.ptp(points, axis=0).max()) for name, points in clouds.items()}
-    found = []
+    found, sizes = [], {}
     for name, points in clouds.items():
-        if sizes[name] > LARGE:
+        clouds[name] = distinct(points)
+        if (share := 1 - len(clouds[name]) / len(points)) > REPEATED:
+            found.append(
+                f"{name}: {share:.0%} of the points repeat another; fillers, or saved twice? (keep one of each)"
+            )
+        sizes[name] = float(np.ptp(points, axis=0).max())
+        middle = float(np.ptp(np.quantile(clouds[name], [0.01, 0.99], axis=0), axis=0).max())
+        if sizes[name] > STRAY * middle > 0:
+            found.append(
+                f"{name}: {_extent(points)}, and all but a few points within {middle:.3g} m; stray points? (--outliers)"
+            )
+            sizes[name] = middle
+        elif sizes[name] > LARGE:
             found.append(f"{name}: {_extent(points)}, larger than any room; in millimetres? (--unit mm)")
         elif sizes[name] < SMALL:
             found.append(f"{name}: {_extent(points)}, smaller than a hand; is the file in metres? (--unit)")
@@ -49,6 +65,11 @@ def doubts(before: ArrayLike, after: ArrayLike) -> list[str]:
             f"{large} is {size / other if other else np.inf:.0f} times as wide as {small}: two units? (--unit)",
         ]
     old, new = clouds.values()
+    (many, most), (few, least) = sorted(((name, len(s)) for name, s in clouds.items()), key=lambda item: -item[1])
+    if most > UNLIKE * least:
+        found.append(
+            f"{many} has {most / least:.0f} times as many points as {few}: thinned, or only a part of the place?"
+        )
     overlap = min(_share_inside(old, new), _share_inside(new, old))
     if overlap < 0.2:
         return [

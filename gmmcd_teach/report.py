@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -53,13 +54,18 @@ def table(report: dict[str, Any]) -> str:
         lines.append(f"{'':>15}{'points':>8}   {'center x, y, z [m]':<23}{'size x, y, z [m]':<19}{'confidence':>10}")
     for kind, number, region in _numbered(report):
         if number <= LISTED:
-            center = "".join(f"{x:8.2f}" for x in region["center"])
-            size = "".join(f"{x:6.2f}" for x in region["size"])
-            lines.append(f"{kind:<12}{number:>3}{region['n_points']:>8} {center} {size}{region['confidence']:11.2f}")
+            center = "".join(f" {x:7.2f}" for x in region["center"])
+            size = "".join(f" {x:5.2f}" for x in region["size"])
+            lines.append(f"{kind:<12}{number:>3} {region['n_points']:>7} {center} {size}{region['confidence']:11.2f}")
     for kind, groups in report["regions"].items():
         if len(groups) > LISTED:
             lines.append(f"and {len(groups) - LISTED} smaller groups that {kind}: see report.json")
-    return "\n".join(lines)
+    return "\n".join([*lines, *(fill(words, 79) for words in _notes(report))])
+
+
+def _notes(report: dict[str, Any]) -> list[str]:
+    """What confidence means, for each kind of change that was found."""
+    return [f"Confidence, {kind}: {report['confidence'][kind]}." for kind, found in report["regions"].items() if found]
 
 
 def _numbered(report: dict[str, Any]) -> list[tuple[str, int, dict[str, Any]]]:
@@ -78,8 +84,7 @@ def found_table(report: dict[str, Any]) -> str:
     body = f"<table class='found'><tr>{''.join(f'<th>{head}</th>' for head in heads)}</tr>{rows}</table>"
     warnings = "".join(f"<p class='warning'>{escape(warning)}</p>" for warning in report["warnings"])
     first, _, _ = table(report).partition("\n")
-    notes = {f"Confidence, {kind}: {words}." for kind, words in report["confidence"].items()}
-    note = "".join(f"<p>{escape(words)}</p>" for words in sorted(notes))
+    note = "".join(f"<p>{escape(words)}</p>" for words in _notes(report))
     found = f"<div>{body}</div>{note}" if rows else "<p>No group of ten points or more has changed.</p>"
     return f"{STYLE}{warnings}<p>{escape(first)}</p>{found}"
 

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -16,6 +17,7 @@ from PIL import Image
 
 from gmmcd_teach import METHODS, CloudError, GaussianMixture, read_cloud, simulate_pair, tabletop_pair, write_cloud
 from gmmcd_teach.__main__ import main
+from gmmcd_teach.formats.atomic import place_folder
 from gmmcd_teach.formats.depth import write_depth
 from gmmcd_teach.formats.mixtures import read_mixture, write_mixture
 from gmmcd_teach.lab.tabletop import TABLETOP_PAIRS, static_pair, tabletop_available
@@ -75,30 +77,73 @@ def test_a_new_box_is_found_listed_and_written(scans, capsys):
 @pytest.mark.slow
 def test_the_table_names_method_place_size_and_confidence(scans, capsys):
     assert run(scans) == 0
-    first, heads, row = capsys.readouterr().out.splitlines()
+    first, heads, row, *note = capsys.readouterr().out.splitlines()
     assert first.startswith("greedy: 150 of 930 points appeared")
     assert heads.split("  ")[-1].strip() == "confidence"
     assert row.split()[:3] == ["appeared", "1", "150"]
     np.testing.assert_allclose([float(word) for word in row.split()[3:]], [2.1] * 3 + [0.2] * 3 + [1.0], atol=0.015)
     assert len(row) < 80
+    assert " ".join(note).startswith("Confidence, appeared: share of the group's points that have nothing")
 
 
 def test_a_long_list_is_cut_short_in_the_table():
     region = {"n_points": 10, "center": [0.0] * 3, "size": [1.0] * 3, "confidence": 0.5}
     side = {"points": 9, "appeared": 9, "disappeared": 9}
-    report = {"method": "m", "before": side, "after": side, "seconds": {"total": 1.0}}
+    confidence = {"appeared": "share", "disappeared": "other share"}
+    report = {"method": "m", "before": side, "after": side, "seconds": {"total": 1.0}, "confidence": confidence}
     lines = table(report | {"regions": {"appeared": [region] * 13, "disappeared": [region] * 10}}).splitlines()
-    assert len(lines) == 2 + 20 + 1
-    assert lines[-1] == "and 3 smaller groups that appeared: see report.json"
+    assert len(lines) == 2 + 20 + 1 + 2
+    assert lines[-3:] == [
+        "and 3 smaller groups that appeared: see report.json",
+        "Confidence, appeared: share.",
+        "Confidence, disappeared: other share.",
+    ]
+
+
+def test_columns_stay_apart_however_long_their_numbers():
+    far = {"n_points": 123_456_789, "center": [500_484.0, 5_400_222.71, -478.43], "size": [1000.0] * 3}
+    side = {"points": 9, "appeared": 9, "disappeared": 9}
+    report = {"method": "m", "before": side, "after": side, "seconds": {"total": 1.0}, "confidence": {"appeared": ""}}
+    row = table(report | {"regions": {"appeared": [far | {"confidence": 1.0}]}}).splitlines()[2]
+    assert [float(word) for word in row.split()[2:]] == [123_456_789, *far["center"], *far["size"], 1.0]
 
 
 @pytest.mark.slow
 def test_an_option_that_a_method_does_not_use_is_said(scans, capsys):
-    assert run(scans, "--method", "c2c", "--outliers", "--components", "9") == 0
+    assert run(scans, "--method", "c2c", "--outliers", "--components", "-9", "--seed", "-1") == 0
     said = capsys.readouterr().err
     assert "warning: c2c does not thin the scans: --leaf 0.001 is not used" in said
     assert "warning: c2c fits no mixture: --components is not used" in said
     assert "warning: c2c does not filter the scans: --outliers is not used" in said
+    assert "warning: c2c draws no random numbers: --seed is not used" in said
+    assert not {"components", "leaf", "seed"} & set(json.loads((scans[2] / "report.json").read_text()))
+
+
+@pytest.mark.slow
+def test_the_report_tells_the_settings_that_were_used(scans):
+    assert run(scans, "--seed", "3") == 0
+    report = json.loads((scans[2] / "report.json").read_text())
+    assert [report[name] for name in ("method", "components", "leaf", "seed")] == ["greedy", 6, 0.001, 3]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("told", "hint"),
+    [
+        ((), "taken from: --before-origin, --after-origin"),
+        (("--before-origin", "-1e-3", "0", "-2.5E+0"), "taken from: --after-origin"),
+        (("--before-origin", "0", "0", "-1", "--after-origin", "0", "0", "-.5"), None),
+    ],
+    ids=["none", "one", "both"],
+)
+def test_origins_that_are_missing_are_asked_for(tmp_path, capsys, told, hint):
+    rng = np.random.default_rng(0)
+    for name in ("a", "b"):
+        write_cloud(tmp_path / f"{name}.npy", rng.uniform(0, 1, (3000, 3)) * [1, 1, 0])
+    arguments = ["detect", f"{tmp_path}/a.npy", f"{tmp_path}/b.npy", "--out", f"{tmp_path}/out", *told]
+    assert main(arguments) == 0
+    said = capsys.readouterr().err
+    assert (hint in said) if hint else ("taken from" not in said)
 
 
 @pytest.mark.slow
@@ -157,6 +202,11 @@ def test_depth_images_tell_where_they_were_taken_from(tmp_path, capsys):
     assert main([*arguments, "--method", "greedy", "--leaf", "0.05"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["before"]["points"] == np.isfinite(pair.before_frames[0].depth).sum()
+    write_cloud(tmp_path / "b.npy", 1000 * read_cloud(tmp_path / "b.png"))
+    arguments[2] = f"{tmp_path}/b.npy"
+    assert main([*arguments, "--method", "c2c", "--unit", "mm"]) == 0  # the image stays in metres
+    assert json.loads(capsys.readouterr().out)["warnings"] == []
+    assert len(read_cloud(tmp_path / "out" / "appeared.ply")) < report["after"]["points"] / 3
     assert "looked past" in report["confidence"]["appeared"]
 
 
@@ -165,7 +215,11 @@ def test_depth_images_tell_where_they_were_taken_from(tmp_path, capsys):
 def test_a_real_pair_through_two_commands(tmp_path, capsys):
     name = TABLETOP_PAIRS[-1]
     assert main(["pair", name, "--out", f"{tmp_path}/scans"]) == 0
-    words = capsys.readouterr().out.splitlines()[-1].partition("detect")[2].split()
+    called, _, words = capsys.readouterr().out.splitlines()[-1].partition(" detect ")
+    python, *module = shlex.split(called.removeprefix("Now try: "))
+    assert Path(python).samefile(sys.executable)
+    assert module == ["-m", "gmmcd_teach"]
+    words = shlex.split(words)
     assert main(["detect", *words, "--quiet", "--json", "--leaf", "0.02"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["warnings"] == []
@@ -183,7 +237,10 @@ def test_a_real_pair_through_two_commands(tmp_path, capsys):
         (ROOM / 1000, ROOM_AGAIN / 1000, ["before: .* smaller than a hand", "after"]),
         (100 * ROOM, ROOM_AGAIN, ["before is 10. times as wide as after: two units"]),
         (ROOM, ROOM_AGAIN + 2, [r"only 0% of one scan .* two frames\? before x -0.1. to 1.1.*; after x 1.8. to 3.1"]),
-        (ROOM, 0 * ROOM, ["after: 0 x 0 x 0 m, smaller", "before is inf times"]),
+        (ROOM, 0 * ROOM, ["after: 100% of the points repeat", "after: 0 x 0 x 0 m, smaller", "before is inf times"]),
+        (np.append(ROOM, 0 * ROOM, axis=0), ROOM_AGAIN, ["before: 50% of the points repeat another; fillers"]),
+        (np.append(ROOM, [[1e6, 0, 0]], axis=0), ROOM_AGAIN, [r"before: 1000000 x .* within 1\.\d+ m; stray points"]),
+        (ROOM, ROOM_AGAIN[::5], ["before has 5 times as many points as after: thinned"]),
     ],
 )
 def test_clouds_that_are_no_two_scans_in_metres(before, after, says):
@@ -259,10 +316,65 @@ def test_bad_paths_end_in_one_line_and_exit_code_2(scans, capsys, change, says):
     assert re.search(says, one_line(capsys.readouterr().err))
 
 
+@pytest.mark.parametrize("name", ["appeared.ply", "report.png"])
+def test_results_never_take_the_place_of_a_scan(scans, capsys, name):
+    before, _, out = scans
+    out.mkdir()
+    write_cloud(out / "appeared.ply", BOX)
+    kept = (out / "appeared.ply").read_bytes()
+    assert run((before, out / ".." / "changes" / name, out)) == 2
+    assert f"{name} is one of the results in" in one_line(capsys.readouterr().err)
+    assert (out / "appeared.ply").read_bytes() == kept
+
+
+@pytest.mark.parametrize("name", ["before.ply", "after.ply"])
+def test_a_pair_is_not_written_over_scans(tmp_path, capsys, name):
+    (tmp_path / name).write_text("mine")
+    assert main(["pair", "unchanged", "--out", str(tmp_path)]) == 2
+    assert f"holds {name} already" in one_line(capsys.readouterr().err)
+    assert (tmp_path / name).read_text() == "mine"
+
+
+def test_a_folder_with_the_name_of_a_result_is_refused_before_anything_moves(scans, capsys):
+    out = scans[2]
+    (out / "report.png").mkdir(parents=True)
+    (out / "appeared.ply").write_text("of another run")
+    assert run(scans) == 2
+    assert "report.png in it is a folder" in one_line(capsys.readouterr().err)
+    (out / "report.png").rmdir()
+
+    def a_folder_comes_late() -> None:
+        with place_folder(out, FILES) as draft:
+            for name in ("appeared.ply", "report.png"):
+                (draft / name).write_text("new")
+            (out / "report.png").mkdir()
+
+    with pytest.raises(OSError, match=r"report\.png in it is a folder"):
+        a_folder_comes_late()
+    assert (out / "appeared.ply").read_text() == "of another run"
+    assert sorted(path.name for path in out.iterdir()) == ["appeared.ply", "report.png"]
+
+
+@pytest.mark.parametrize(
+    ("cloud", "more", "says"),
+    [
+        (ROOM, ("--components", "4000"), "--components, or a finer --leaf"),
+        (np.append(ROOM, [[1e9, 0, 0]], axis=0), (), "--outliers takes out stray points"),
+    ],
+)
+def test_a_refusal_names_what_helps_on_the_command_line(scans, capsys, cloud, more, says):
+    write_cloud(scans[0], cloud)
+    assert run(scans, *more) == 2
+    assert says in capsys.readouterr().err.splitlines()[-1]
+
+
 @pytest.mark.parametrize(
     ("more", "says"),
     [
         (("--leaf", "-1"), "leaf_size"),
+        (("--leaf", "0"), "leaf_size"),
+        (("--leaf", "-1e-3"), "leaf_size"),
+        (("--seed", "-1"), "rng"),
         (("--components", "0"), "max_components"),
         (("--components", "4000"), "points"),
         (("--before-origin", "nan", "0", "0"), "before_origin"),
@@ -369,6 +481,36 @@ def test_ctrl_c_in_the_middle(tmp_path):
     assert error.splitlines()[-1].endswith("gmmcd-teach: interrupted; nothing was written")
     assert "Traceback" not in error
     assert sorted(os.listdir(tmp_path)) == ["after.npy", "before.npy"]
+
+
+@pytest.mark.slow
+@posix
+@pytest.mark.parametrize(
+    ("redirected", "code", "stdout", "stderr"),
+    [
+        (">/dev/full", 2, "", "written to .*changes, but cannot be printed .No space left"),
+        ("2>&-", 0, r"^c2c: 15\d of", "^$"),
+        ("2>/dev/null", 0, r"^c2c: 15\d of", "^$"),
+    ],
+)
+def test_where_nothing_can_be_printed(scans, redirected, code, stdout, stderr):
+    words = shlex.join([*MODULE, *command(scans, "--method", "c2c")])
+    done = subprocess.run(f"{words} {redirected}", shell=True, capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    assert re.search(stdout, done.stdout)
+    assert re.search(stderr, done.stderr)
+    assert "Traceback" not in done.stderr
+    assert (scans[2] / "report.html").exists()
+
+
+@pytest.mark.slow
+def test_a_terminal_without_the_letter_spells_it(tmp_path):
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    words = [*MODULE, "pair", "unchanged", "--out", str(tmp_path / "räum")]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=environment)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert r"r\xe4um" in done.stdout
+    assert (tmp_path / "räum" / "after.ply").exists()
 
 
 @pytest.mark.slow

@@ -10,9 +10,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from gmmcd_teach.beyond.baselines import check_lengths, check_sizes
 from gmmcd_teach.beyond.surface import distinct, point_spacing
-from gmmcd_teach.beyond.visibility import looks_from
+from gmmcd_teach.beyond.visibility import check_origin, looks_from
 from gmmcd_teach.clouds import CloudError, Floats, check_points
+from gmmcd_teach.starts import check_number
 
 Bools = NDArray[np.bool_]
 
@@ -53,7 +55,7 @@ def find_regions(
     CloudError
         The points are not (N, D) finite numbers, or `contradicted` is not (N,) bool.
     ValueError
-        `reach` is not above 0.
+        `reach` is no length above 0, or `smallest` no whole number.
 
     Examples
     --------
@@ -65,8 +67,8 @@ def find_regions(
     votes = None if contradicted is None else np.asarray(contradicted)
     if votes is not None and (votes.shape != (len(s),) or votes.dtype != bool):
         raise CloudError(f"contradicted: {votes.dtype} of shape {votes.shape}; expected bool of shape ({len(s)},)")
-    if reach is not None and not reach > 0:
-        raise ValueError(f"reach = {reach}; expected metres above 0, or None")
+    check_sizes(reach=reach)
+    check_number("smallest", smallest, 0, whole=True)
     if len(s) < max(2, smallest):
         return [_region(s, votes)] if len(s) >= smallest and len(s) else []
     if reach is None:
@@ -110,7 +112,9 @@ def contradicted_by(
     Raises
     ------
     CloudError
-        A cloud is not (N, 3) finite numbers.
+        A cloud is not (N, 3) finite numbers, or the origin not three of them.
+    ValueError
+        `tolerance` is no length.
 
     Examples
     --------
@@ -122,14 +126,16 @@ def contradicted_by(
     array([ True, False, False])
     """
     s, rest = check_points(points, "points", minimum=0, dimensions=(3,)), check_points(other, "other", dimensions=(3,))
+    place = check_origin(origin, "origin", 3)
+    check_lengths(tolerance=0.0 if tolerance is None else tolerance)
     if len(s) == 0:
         return np.zeros(0, dtype=bool)
     distance = np.asarray(cKDTree(rest).query(s)[0])
     if tolerance is None:
         tolerance = 3 * max(point_spacing(rest), float(np.median(distance)))
-    if origin is None:
+    if place is None:
         return distance > tolerance
-    return np.asarray(looks_from(s, np.asarray(origin, dtype=np.float64), rest, tolerance).past > 0)
+    return np.asarray(looks_from(s, place, rest, tolerance).past > 0)
 
 
 def _region(points: Floats, votes: Bools | None) -> Region:

@@ -570,8 +570,24 @@ def test_regions_of_hardly_any_points():
     assert [r.n_points for r in find_regions(np.zeros((12, 3)))] == [12]
     with pytest.raises(CloudError, match="expected bool of shape"):
         find_regions(np.zeros((2, 3)), contradicted=[1, 0])
-    with pytest.raises(ValueError, match="reach"):
-        find_regions(np.zeros((2, 3)), reach=0)
+    for reach in (0, "x", np.nan, np.inf):
+        with pytest.raises(ValueError, match="reach"):
+            find_regions(np.zeros((2, 3)), reach=reach)
+    with pytest.raises(ValueError, match="smallest"):
+        find_regions(np.zeros((2, 3)), smallest="x")
+
+
+def test_a_claim_is_asked_of_another_scan_only_from_a_position():
+    for origin, words in (([0, 0], r"shape \(2,\)"), ([0, 0, np.nan], "NaN"), ("x", "numbers")):
+        with pytest.raises(CloudError, match=rf"origin: .*{words}"):
+            contradicted_by(BOX, ROOM, origin=origin)
+    with pytest.raises(ValueError, match="tolerance"):
+        contradicted_by(BOX, ROOM, tolerance=-1)
+
+
+def test_groups_are_those_of_distinct_points():
+    once = find_regions(BOX)
+    assert [r.n_points for r in find_regions(BOX.repeat(3, axis=0))] == [3 * r.n_points for r in once]
 
 
 @pytest.mark.slow

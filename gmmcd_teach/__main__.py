@@ -15,7 +15,7 @@ from gmmcd_teach.lab.scenes import SCENES
 from gmmcd_teach.lab.tabletop import TABLETOP_PAIRS
 from gmmcd_teach.report import FILES
 
-EXIT_CODES = "exit codes: 0 done; 2 bad input, options or output folder, and one line says what; 130 ended by Ctrl-C"
+EXIT_CODES = "exit codes: 0 done; 2 bad input, options or output, and one line says what; 130 ended by Ctrl-C"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -64,8 +64,11 @@ def table(report: dict[str, Any]) -> str:
 
 
 def _notes(report: dict[str, Any]) -> list[str]:
-    """What confidence means, for each kind of change that was found."""
-    return [f"Confidence, {kind}: {report['confidence'][kind]}." for kind, found in report["regions"].items() if found]
+    """What confidence means, for the kinds of change that were found."""
+    words = {kind: report["confidence"][kind] for kind, found in report["regions"].items() if found}
+    if len(words) > len(set(words.values())):
+        return [f"Confidence: {next(iter(words.values()))}."]
+    return [f"Confidence, {kind}: {meaning}." for kind, meaning in words.items()]
 
 
 def _numbered(report: dict[str, Any]) -> list[tuple[str, int, dict[str, Any]]]:

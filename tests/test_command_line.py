@@ -98,6 +98,10 @@ def test_a_long_list_is_cut_short_in_the_table():
         "Confidence, appeared: share.",
         "Confidence, disappeared: other share.",
     ]
+    alike = report | {"confidence": dict.fromkeys(confidence, "share")}
+    assert table(alike | {"regions": {kind: [region] for kind in confidence}}).splitlines()[4:] == [
+        "Confidence: share."
+    ]
 
 
 def test_columns_stay_apart_however_long_their_numbers():

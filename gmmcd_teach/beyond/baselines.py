@@ -87,9 +87,8 @@ def detect_m3c2(
     """
     check_lengths(alignment_error=alignment_error)
     check_sizes(leaf_size=leaf_size, cylinder_radius=cylinder_radius)
-    if max_depth is None:
-        raise ValueError("max_depth = None; expected a finite length in metres above 0")
-    check_sizes(max_depth=max_depth)
+    if isinstance(max_depth, bool) or not (isinstance(max_depth, Real) and 0 < max_depth < np.inf):
+        raise ValueError(f"max_depth = {max_depth!r}; expected a finite length in metres above 0")
     old, new = check_points(before, "before", dimensions=(3,)), check_points(after, "after", dimensions=(3,))
     watch = Stopwatch()
     leaf = leaf_size or 2 * max(point_spacing(old), point_spacing(new)) or 1.0

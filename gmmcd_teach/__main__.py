@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from gmmcd_teach import METHODS, __version__, commands
@@ -72,7 +73,8 @@ def printable(words: str) -> str:
 
 def complain(words: str, code: int = 2) -> int:
     """One line on stderr; returns the exit code."""
-    print(f"\rgmmcd-teach: {words}", file=sys.stderr)
+    with suppress(OSError):  # where stderr takes nothing, the code alone tells
+        print(f"\rgmmcd-teach: {words}", file=sys.stderr, flush=True)
     return code
 
 

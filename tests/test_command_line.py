@@ -495,6 +495,8 @@ def test_ctrl_c_in_the_middle(tmp_path):
         (">/dev/full", 2, "", "written to .*changes, but cannot be printed .No space left"),
         ("2>&-", 0, r"^c2c: 15\d of", "^$"),
         ("2>/dev/null", 0, r"^c2c: 15\d of", "^$"),
+        (">&-", 0, "^$", "writing .*changes"),
+        ("2>/dev/full", 2, "^$", "^$"),
     ],
 )
 def test_where_nothing_can_be_printed(scans, redirected, code, stdout, stderr):
@@ -504,7 +506,7 @@ def test_where_nothing_can_be_printed(scans, redirected, code, stdout, stderr):
     assert re.search(stdout, done.stdout)
     assert re.search(stderr, done.stderr)
     assert "Traceback" not in done.stderr
-    assert (scans[2] / "report.html").exists()
+    assert (scans[2] / "report.html").exists() == ("2>/dev/full" not in redirected)
 
 
 @pytest.mark.slow

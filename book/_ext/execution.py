@@ -32,6 +32,7 @@ from srcroot import ROOT, chapters_wanted
 
 logger = logging.getLogger(__name__)
 WORKERS = 2
+FIRST = ("10", "11", "12", "17", "C")  # the ledger (C) reads what 10 to 12 have kept; late chapters run longest
 OFFLINE = Path(__file__).with_name("offline")
 RUNS_IN = re.compile(r"(\*\*It runs\*\* in under [\w ]+?)\.(?=\n|$)")
 COST_PAGES = ("book/intro",)  # pages that quote the chapters' measured times
@@ -135,11 +136,16 @@ def outdated(app: Sphinx, env: BuildEnvironment, added: set[str], changed: set[s
     return {doc for doc in env.found_docs if is_run(app, doc) and shown.get(doc) != stored(app, doc).name}
 
 
+def place_in_line(docname: str) -> tuple[int, str]:
+    """Those of FIRST in their order, then the later before the earlier; for `sorted`, from the last to the first."""
+    number = Path(docname).name.split("_")[0]
+    return -FIRST.index(number) if number in FIRST else -len(FIRST), docname
+
+
 def run_outdated(app: Sphinx, env: BuildEnvironment, docnames: list[str]) -> None:
     notebooks = [doc for doc in docnames if is_run(app, doc)]
     targets = {doc: stored(app, doc) for doc in notebooks}
-    # The later chapters run longest: start with them. Appendices come last: they read what chapters have kept.
-    order = sorted(notebooks, key=lambda doc: (Path(doc).name[0].isdigit(), doc), reverse=True)
+    order = sorted(notebooks, key=place_in_line, reverse=True)
     missing = [doc for doc in order if not targets[doc].is_file()]
     failures = []
     with ThreadPoolExecutor(WORKERS) as pool:

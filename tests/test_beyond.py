@@ -180,6 +180,7 @@ def test_a_side_keeps_the_components_that_can_be_judged() -> None:
     np.testing.assert_allclose(few.weights, [1, 0, 0, 0])
 
 
+@pytest.mark.slow
 def test_no_patch_is_both_looked_past_and_met_by_a_sensor_that_is_told() -> None:
     pair = simulate_pair("mixed_frame", 3, noise=False, pose_error=False)
     past, met = other_scan_says(pair.before, pair.after, None, pair.after_frames, 0.03)

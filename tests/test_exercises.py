@@ -27,6 +27,7 @@ def test_the_stub_is_told_that_it_is_not_done(name):
     assert "not done yet" in verdict.says
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ALL)
 def test_at_least_three_mistakes_are_recognised_and_named(name):
     mistakes = EXERCISES[name].mistakes

@@ -517,6 +517,7 @@ def test_a_view_loads_nothing(scene, tmp_path):
         assert "favicon-" not in page
 
 
+@pytest.mark.slow
 def test_the_legend_names_each_meaning_once_and_knows_its_actors(scene):
     page = scene.page
     names = re.findall(r'<label><input type="checkbox" checked value="\d+"><i style="[^"]*"></i>([^<]*)</label>', page)

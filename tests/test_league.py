@@ -54,6 +54,7 @@ def test_a_point_row_is_a_plain_count(pair: ScenePair) -> None:
     assert row["claimed"] == found.appeared.mean()
 
 
+@pytest.mark.slow
 def test_backward_exchanges_the_scans() -> None:
     rows = {order: pd.DataFrame(league_runs("c2c", "cargo_bag", 1, order=order)) for order in ("forward", "backward")}
     f1 = {order: table[table.level == "point"].set_index("direction").f1 for order, table in rows.items()}

@@ -108,6 +108,18 @@ def check_number(name: str, value: Any, lowest: int, whole: bool = False) -> Non
         raise ValueError(f"{name} = {value!r}; expected a {'whole ' if whole else ''}number of at least {lowest}")
 
 
+def is_above_zero(value: Any) -> bool:
+    """Is it a finite number above 0?
+
+    Examples
+    --------
+    >>> is_above_zero(0.02), is_above_zero(0), is_above_zero(True), is_above_zero("wide")
+    (True, False, False, False)
+    """
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    return bool(number and 0 < value < np.inf)
+
+
 def check_weights(weights: ArrayLike | None, n_points: int, n_components: int, name: str = "point_weights") -> Floats:
     """(N,) weights as float64, ones by default; a CloudError where they are not one finite weight >= 0 a point.
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from numbers import Real
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from gmmcd_teach.beyond.surface import nearest, point_spacing, surface_of
 from gmmcd_teach.clouds import Floats, check_points
+from gmmcd_teach.starts import is_above_zero
 
 WEAKEST = 1e-3  # directions in which the planes hold the cloud less than this, beside the best held one, are left alone
 
@@ -56,7 +55,7 @@ def align(
     """
     for name, value in (("max_distance", max_distance), ("leaf_size", leaf_size), ("max_iter", max_iter)):
         given = value is not None or name != "leaf_size"
-        if given and (isinstance(value, bool) or not (isinstance(value, Real) and 0 < value < np.inf)):
+        if given and not is_above_zero(value):
             raise ValueError(f"{name} = {value!r}; expected a positive number")
     start, goal = check_points(moving, "moving", dimensions=(3,)), check_points(fixed, "fixed", dimensions=(3,))
     leaf = leaf_size or 3 * max(point_spacing(start), point_spacing(goal)) or 1.0

@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 from gmmcd_teach.beyond.surface import nearest, point_spacing, surface_of
 from gmmcd_teach.clouds import Floats, check_points
 from gmmcd_teach.detection import Bools, Detection, Stopwatch
+from gmmcd_teach.starts import is_above_zero
 
 SIGMAS = 3.0  # a distance this many standard deviations long is no accident
 MAX_SLICES = 10_000  # of the cylinder of M3C2 on each side of its middle
@@ -87,7 +88,7 @@ def detect_m3c2(
     """
     check_lengths(alignment_error=alignment_error)
     check_sizes(leaf_size=leaf_size, cylinder_radius=cylinder_radius)
-    if isinstance(max_depth, bool) or not (isinstance(max_depth, Real) and 0 < max_depth < np.inf):
+    if not is_above_zero(max_depth):
         raise ValueError(f"max_depth = {max_depth!r}; expected a finite length in metres above 0")
     old, new = check_points(before, "before", dimensions=(3,)), check_points(after, "after", dimensions=(3,))
     watch = Stopwatch()
@@ -230,5 +231,5 @@ def check_sizes(**sizes: float | None) -> None:
     >>> check_sizes(leaf_size=0.02, patch_size=None)
     """
     for name, value in sizes.items():
-        if value is not None and (isinstance(value, bool) or not (isinstance(value, Real) and 0 < value < np.inf)):
+        if value is not None and not is_above_zero(value):
             raise ValueError(f"{name} = {value!r}; expected a finite length in metres above 0, or None")

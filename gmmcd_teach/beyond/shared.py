@@ -21,7 +21,7 @@ from gmmcd_teach.em import fit_mixture
 from gmmcd_teach.filtering import voxel_downsample
 from gmmcd_teach.lab.pair import DepthFrame
 from gmmcd_teach.mixture import GaussianMixture, floats
-from gmmcd_teach.starts import check_number
+from gmmcd_teach.starts import check_number, is_above_zero
 
 SEEN_THROUGH = 0.25  # share of a component that the other scan must have looked past, for it to have changed
 TOL = 1e-4  # the floor blurs what more steps of EM would tell
@@ -103,7 +103,7 @@ def detect_shared(
     share = share if share is not None else 0.7 if told else 0.9
     if not (isinstance(share, Real) and 0.5 < share < 1):
         raise ValueError(f"share = {share!r}; expected a number between 0.5 and 1")
-    if isinstance(false_alarms, bool) or not (isinstance(false_alarms, Real) and 0 < false_alarms < np.inf):
+    if not is_above_zero(false_alarms):
         raise ValueError(f"false_alarms = {false_alarms!r}; expected a number of components above 0")
     watch = Stopwatch()
     patch = patch_size or 1.5 * max(alignment_error, 1e-3)

@@ -49,8 +49,10 @@ def within_reach(mixture: GaussianMixture, blocks: Blocks, reach: float = REACH)
     """For each block the components that may come within `reach` nats of the density of one of its points.
 
     Along the axes on which a component is round, z = W (s - mu), the box of a block covers an interval each. The
-    nearest ends give a distance that no point of the block can be below.
+    nearest ends give a distance that no point of the block can be below. One block holds all points: all are needed.
     """
+    if len(blocks.features) == 1:
+        return [np.arange(mixture.n_components)]
     factors, peak = mixture.whitening
     centres = (factors @ mixture.means[:, :, None]).reshape(-1, 1)  # (K D, 1)
     axes = factors.reshape(len(centres), -1)  # (K D, D)

@@ -173,12 +173,14 @@ def moments(sums: Floats, covariance_floor: float) -> tuple[Floats, Floats, Floa
     covariances = np.empty((len(sums), d, d))
     covariances[:, i, j] = covariances[:, j, i] = upper
     covariances += covariance_floor * np.eye(d)
-    smallest = np.linalg.eigvalsh(covariances)[:, 0]  # (K,)
     squares = sums[:, 1 + d :][:, i == j].sum(axis=1) / support  # (K,) mean squared distance from the origin
-    if (smallest <= 16 * np.finfo(float).eps * squares).any():
-        k = int((smallest - 16 * np.finfo(float).eps * squares).argmin())
-        raise CloudError(
-            f"covariance of component {k}: flat, its smallest eigenvalue {smallest[k]:.3g} m^2 is lost in rounding; "
-            "raise covariance_floor"
-        )
+    lost = 16 * np.finfo(float).eps * squares
+    if covariance_floor <= 100 * lost.max():  # above, no eigenvalue can come near to what is lost
+        smallest = np.linalg.eigvalsh(covariances)[:, 0]  # (K,)
+        if (smallest <= lost).any():
+            k = int((smallest - lost).argmin())
+            raise CloudError(
+                f"covariance of component {k}: flat, its smallest eigenvalue {smallest[k]:.3g} m^2 is lost in "
+                "rounding; raise covariance_floor"
+            )
     return support, means, covariances

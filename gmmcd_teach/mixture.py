@@ -217,10 +217,10 @@ def cholesky_factors(covariances: Floats) -> Floats:
     >>> float(cholesky_factors(np.array([[[4.0]]]))[0, 0, 0])
     2.0
     """
-    scale = np.abs(covariances).max(initial=0.0)
-    skew = np.abs(covariances - covariances.swapaxes(1, 2)).max(axis=(1, 2))  # (K,)
-    if (skew > 1e-8 * scale).any():
-        raise CloudError(f"covariance of component {skew.argmax()}: not symmetric")
+    if (covariances != covariances.swapaxes(1, 2)).any():
+        skew = np.abs(covariances - covariances.swapaxes(1, 2)).max(axis=(1, 2))  # (K,)
+        if skew.max() > 1e-8 * np.abs(covariances).max():
+            raise CloudError(f"covariance of component {skew.argmax()}: not symmetric")
     try:
         return np.asarray(np.linalg.cholesky(covariances), dtype=np.float64)
     except np.linalg.LinAlgError:

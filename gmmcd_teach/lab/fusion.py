@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import binary_dilation
@@ -23,21 +24,32 @@ SAMPLES = 8  # measurements that make a block worth looking at
 SMOOTH = 0.025  # relative spread of the four depths around a voxel above which an edge runs between them
 STEEPEST = 1.2  # metres of distance per metre along its gradient: a true distance changes by 1 at most
 SUPPORT = 3  # frames that must have seen both ends of a crossing
+AT_ONCE = 256  # blocks whose voxels fit the processor's cache
+NOTHING = np.array([[0], [0], [1], [0], [0], [0]])  # a square without trust: 1/z = 1, so that no division fails
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FusedMap:
-    """A map: points (N, 3) in metres, the weight (N,) behind each (1/m^2), and the free space that the survey saw.
+    """A map: points (N, 3) in metres, the weight (N,) behind each (1/m^2), and the frames that it was made of.
 
-    `free` (X, Y, Z) counts, for blocks of `block_size` metres from the corner `lower` (3,) on, the frames that looked
-    right through.
+    Its blocks have edges of `block_size` metres, from the corner `lower` (3,) on; there are `shape` of them.
     """
 
     points: Floats
     weights: Floats
-    free: Ints
+    frames: Sequence[DepthFrame]
     lower: Floats
     block_size: float
+    shape: tuple[int, int, int]
+
+    @cached_property
+    def free(self) -> Ints:
+        """Free space (X, Y, Z) that the survey saw: how many frames looked right through each block."""
+        blocks = self.lower + (np.indices(self.shape).reshape(3, -1).T + 0.5) * self.block_size
+        count = np.zeros(len(blocks), dtype=np.int64)
+        for frame in self.frames:
+            count += seen_through(frame, blocks, self.block_size)
+        return count.reshape(self.shape)
 
 
 def fuse(
@@ -50,28 +62,27 @@ def fuse(
     """Fuse depth frames, by their estimated poses, into the surfaces inside a box (lower corner, upper corner)."""
     lower, upper = (np.asarray(corner, dtype=np.float64) for corner in boundary)
     block_size = BLOCK * voxel_size
-    shape = tuple(np.ceil((upper - lower) / block_size).astype(int))
-    blocks = surface_blocks(frames, lower, block_size, shape)  # (B, 3)
-    every_block = lower + (np.indices(shape).reshape(3, -1).T + 0.5) * block_size
-    within = (np.indices((BLOCK,) * 3).reshape(3, -1).T + 0.5) * voxel_size  # (BLOCK^3, 3)
+    nx, ny, nz = np.ceil((upper - lower) / block_size).astype(int).tolist()
+    blocks = surface_blocks(frames, lower, block_size, (nx, ny, nz))  # (B, 3)
     corners = lower + blocks * block_size
+    within = (np.indices((BLOCK,) * 3).reshape(3, -1).T + 0.5) * voxel_size  # (BLOCK^3, 3)
     weighted, weights = np.zeros((2, len(blocks), BLOCK**3))
-    support, free = np.zeros(weights.shape, dtype=np.int16), np.zeros(len(every_block), dtype=np.int64)
+    support = np.zeros(weights.shape, dtype=np.int16)
     for frame in progress_bar(frames, desc="fusing", unit="frame", shown=progress):
-        free += seen_through(frame, every_block, block_size)
-        near = in_view(frame, corners + block_size / 2)
-        to_camera = inverse(frame.pose)
-        voxels = transform(to_camera, corners[near])[:, None] + within @ to_camera[:3, :3].T
-        distance, weight = (
-            part.reshape(-1, BLOCK**3) for part in signed_distance(frame, voxels.reshape(-1, 3), block_size)
-        )
-        weighted[near] += weight * np.minimum(distance, block_size)
-        weights[near] += weight
-        support[near] += weight > 0
+        squares, to_camera = surface_squares(frame), inverse(frame.pose)
+        near = np.flatnonzero(in_view(frame, corners + block_size / 2))
+        for some in np.split(near, range(AT_ONCE, len(near), AT_ONCE)):
+            corner, offset = transform(to_camera, corners[some]), within @ to_camera[:3, :3].T
+            voxels = (corner.T[:, :, None] + offset.T[:, None]).reshape(3, -1)
+            distance, weight = signed_distance(frame, voxels.T, block_size, squares)
+            weight = weight.reshape(-1, BLOCK**3)
+            weighted[some] += weight * np.minimum(distance, block_size).reshape(weight.shape)
+            weights[some] += weight
+            support[some] += weight > 0
     mean = np.where(support >= SUPPORT, weighted / np.where(weights > 0, weights, 1), np.nan)
-    points, point_weights = zero_crossings(blocks, corners[:, None] + within, mean, weights, shape, voxel_size)
+    points, point_weights = zero_crossings(blocks, corners[:, None] + within, mean, weights, (nx, ny, nz), voxel_size)
     inside = ((points >= lower) & (points <= upper)).all(axis=1)
-    return FusedMap(points[inside], point_weights[inside], free.reshape(shape), lower, block_size)
+    return FusedMap(points[inside], point_weights[inside], frames, lower, block_size, (nx, ny, nz))
 
 
 def surface_blocks(frames: Sequence[DepthFrame], lower: Floats, block_size: float, shape: tuple[int, ...]) -> Ints:
@@ -96,35 +107,32 @@ def in_view(frame: DepthFrame, centres: Floats) -> Bools:
     )
 
 
-def signed_distance(frame: DepthFrame, points: Floats, cutoff: float) -> tuple[Floats, Floats]:
+def signed_distance(
+    frame: DepthFrame, points: Floats, cutoff: float, squares: Floats | None = None
+) -> tuple[Floats, Floats]:
     """How far (N,) points (N, 3) of the camera frame lie before the surface that it sees there, and a weight (N,).
 
-    The weight is 0, and the distance too, where no single surface was measured.
+    The weight is 0 where no single surface was measured, the distance too. `squares`: `surface_squares(frame)`.
     """
     (column, row), depth = project(points, frame.intrinsics)
     height, width = frame.depth.shape
-    inside = np.flatnonzero((depth > 0) & (column >= 0) & (row >= 0) & (column < width - 1) & (row < height - 1))
-    column, row = column[inside], row[inside]
+    inside = (depth > 0) & (column >= 0) & (row >= 0) & (column < width - 1) & (row < height - 1)
+    column, row = np.where(inside, column, 0), np.where(inside, row, 0)
     left, top = column.astype(np.int64), row.astype(np.int64)  # rounds down: both are positive
-    squares = surface_squares(frame)
-    square = top * (width - 1) + left
-    use = np.flatnonzero(squares[0][square] > 0)
-    square, right, below = square[use], (column - left)[use], (row - top)[use]
-    trust, facing, base, across, down, twist = (part[square] for part in squares)
-    surface = 1 / (base + right * across + below * (down + right * twist))
-    distance, weight = np.zeros((2, len(points)))
-    before = surface - depth[inside[use]]
-    distance[inside[use]] = facing * before
-    weight[inside[use]] = np.where(before > -cutoff, trust, 0)
-    return distance, weight
+    square = np.where(inside, top * (width - 1) + left, -1)  # the last square is of nothing
+    known = surface_squares(frame) if squares is None else squares
+    trust, facing, base, across, down, twist = known.take(square, axis=1)
+    right, below = column - left, row - top
+    before = 1 / (base + right * across + below * (down + right * twist)) - depth
+    return facing * before, np.where(before > -cutoff, trust, 0)
 
 
-def surface_squares(frame: DepthFrame) -> tuple[Floats, ...]:
-    """For each square of four pixels ((H - 1)(W - 1),): trust, cosine of its slant, and 1/z as four bilinear terms.
+def surface_squares(frame: DepthFrame) -> Floats:
+    """For each square of four pixels (6, (H - 1)(W - 1) + 1): trust, cosine of its slant, 1/z as four bilinear terms.
 
     1/z is linear across the image of a plane, so its slope tells how the surface faces the camera. Trust falls with
     the slant (as in Curless & Levoy) and with the noise at that depth; it is 0 next to edges, where
-    two surfaces mix.
+    two surfaces mix, and for one square more than there are: what lies outside of the image.
     """
     fx, fy, _, _ = frame.intrinsics
     inverse_depth = 1 / frame.depth
@@ -136,7 +144,8 @@ def surface_squares(frame: DepthFrame) -> tuple[Floats, ...]:
     trust = (facing / axial_sigma(1 / a, np.zeros(1))) ** 2
     edge = ~(spread < SMOOTH * a)  # or a pixel without return
     trust[binary_dilation(edge, np.ones((3, 3), dtype=bool))] = 0
-    return tuple(part.ravel() for part in (trust, facing, a, b - a, c - a, a - b - c + d))
+    squares = np.array([trust, facing, a, b - a, c - a, a - b - c + d]).reshape(6, -1)
+    return np.column_stack([np.where(squares[0] > 0, squares, NOTHING), NOTHING])
 
 
 def seen_through(frame: DepthFrame, centres: Floats, block_size: float) -> Bools:
@@ -160,22 +169,28 @@ def zero_crossings(
     Where it changes faster than distance can, frames contradict each other, as at outlines: left out.
     """
     grid = np.array(shape) * BLOCK + 1
-    voxel = (blocks * BLOCK)[:, None] + np.indices((BLOCK,) * 3).reshape(3, -1).T  # (B, BLOCK^3, 3)
-    flat = np.ravel_multi_index(tuple(voxel.reshape(-1, 3).T), tuple(grid))
+    strides = (grid[1] * grid[2], grid[2], 1)
+    flat = np.add.outer(blocks @ strides * BLOCK, np.indices((BLOCK,) * 3).reshape(3, -1).T @ strides).ravel()
     index = np.full(int(grid.prod()), -1, dtype=np.int32)
     index[flat] = np.arange(len(flat))
     value, weight, position = mean.ravel(), weights.ravel(), centres.reshape(-1, 3)
-    strides = (grid[1] * grid[2], grid[2], 1)
     known = np.append(value, np.nan)  # index -1 is the voxel that no frame knows
-    gradient = [central_difference(known[index[flat - s]], value, known[index[flat + s]]) for s in strides]
+    measured = np.flatnonzero(np.isfinite(value))
     points, point_weights = [], []
     for axis, stride in enumerate(strides):
-        here = np.flatnonzero((index[flat + stride] >= 0) & np.isfinite(value))
-        there = index[flat[here] + stride]
+        there = index[flat[measured] + stride]
+        crossing = (there >= 0) & (np.sign(value[measured]) != np.sign(known[there]))
+        here, there = measured[crossing], there[crossing]
         a, b = value[here], value[there]
-        crossing = np.flatnonzero(np.sign(a) != np.sign(b))
-        a, b, here, there = a[crossing], b[crossing], here[crossing], there[crossing]
-        across = [(slope[here] + slope[there]) / 2 for i, slope in enumerate(gradient) if i != axis]
+        across = [
+            sum(
+                central_difference(known[index[flat[i] - s]], value[i], known[index[flat[i] + s]])
+                for i in (here, there)
+            )
+            / 2
+            for s in strides
+            if s != stride
+        ]
         gentle = (a - b) ** 2 + across[0] ** 2 + across[1] ** 2 < (STEEPEST * voxel_size) ** 2
         point = position[here[gentle]].copy()
         point[:, axis] += voxel_size * (a / (a - b))[gentle]

@@ -160,7 +160,7 @@ class Cylinder(Solid):
         """Inside the bar is inside the round wall (a quadratic in the distance) and between the two caps."""
         across, per_metre = directions[:2], 1 / np.where(directions[2] == 0, TINY, directions[2])
         a = np.maximum((across**2).sum(axis=0), TINY)
-        b = origin[:2] @ across
+        b = origin[0] * across[0] + origin[1] * across[1]
         square = b * b - a * (origin[:2] @ origin[:2] - self.diameter**2 / 4)  # negative where the ray passes by
         root, half = np.sqrt(np.maximum(square, 0)), self.length / 2 * np.abs(per_metre)
         enter = np.maximum((-b - root) / a, -origin[2] * per_metre - half)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from gmmcd_teach.lab.shapes import Floats, Ints, Solid, inverse, transform
 
 FACES = 6  # at most, of one solid
+ALMOST_0 = 1e-9  # metres
 
 
 class Hits(NamedTuple):
@@ -84,14 +84,17 @@ class Scene:
         """First surface that rays (N, 3) of a camera at `pose` (4, 4) enter; rays in the camera frame, with z = 1.
 
         A solid is tried only on the rays inside the rectangle that its bounding box covers in the image, or on those
-        that `tried` (S, N) names.
+        that `tried` (S, N) names; and not on those that have met something nearer than all of it.
         """
         directions = pose[:3, :3] @ rays.T  # (3, N), in the world
         depth, solid_at = np.full(len(rays), np.inf), np.full(len(rays), -1)
-        for k, candidates in enumerate(self._in_rectangles(pose, rays) if tried is None else tried):
-            near = np.flatnonzero(candidates)
+        nearest, rectangles = self._bounds(pose)
+        x, y = np.ascontiguousarray(rays[:, :2].T)
+        for k, (left, top, right, bottom) in enumerate(rectangles):
+            inside = (x >= left) & (x <= right) & (y >= top) & (y <= bottom) if tried is None else tried[k]
+            near = np.flatnonzero(inside & (depth > nearest[k]))
             if len(near):
-                enter = self.solids[k][1].enter(pose[:3, 3], directions[:, near])
+                enter = self.solids[k][1].enter(pose[:3, 3], directions.take(near, axis=1))
                 first = enter < depth[near]
                 depth[near[first]] = enter[first]
                 solid_at[near[first]] = k
@@ -99,23 +102,32 @@ class Scene:
         for k in np.unique(solid_at[solid_at >= 0]):
             thing, solid = self.solids[k]
             own = np.flatnonzero(solid_at == k)
-            face, hits.normal[own] = solid.surface(pose[:3, 3] + (depth[own] * directions[:, own]).T)
+            face, hits.normal[own] = solid.surface(pose[:3, 3] + (depth[own] * directions.take(own, axis=1)).T)
             hits.thing[own], hits.face[own] = thing, FACES * k + face
         return hits
 
-    def _in_rectangles(self, pose: Floats, rays: Floats) -> Iterator[NDArray[np.bool_]]:
-        """For each solid, the rays (N,) inside the bounds of its corners' x / z and y / z as seen from `pose`."""
-        x, y = np.ascontiguousarray(rays[:, :2].T)
-        to_camera = inverse(pose)
-        for _, solid in self.solids:
-            corner = transform(to_camera, solid.corners)  # (8, 3)
-            front = corner[:, 2] > 0
-            if front.all():
-                left, top = (corner[:, :2] / corner[:, 2:]).min(axis=0) - 1e-9
-                right, bottom = (corner[:, :2] / corner[:, 2:]).max(axis=0) + 1e-9
-                yield (x >= left) & (x <= right) & (y >= top) & (y <= bottom)
-            else:
-                yield np.full(len(rays), front.any())
+    @cached_property
+    def _corners(self) -> Floats:
+        """World positions (S, 8, 3) of the corners of the solids' bounding boxes."""
+        return np.array([solid.corners for _, solid in self.solids]).reshape(-1, 8, 3)
+
+    def _bounds(self, pose: Floats) -> tuple[Floats, Floats]:
+        """What solids cover as seen from `pose`: their least z (S,), and a rectangle (S, 4) of x / z and y / z.
+
+        It holds all of a bounding box that lies in front of the camera: corners there, and points on the lines to
+        corners behind, where z is almost 0. Left > right where nothing is in front.
+        """
+        corner = transform(inverse(pose), self._corners)  # (S, 8, 3)
+        z = corner[..., 2:]
+        step = corner[:, None] - corner[:, :, None]  # (S, 8, 8, 3), from the second axis' corner to the third's
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = (z <= ALMOST_0)[:, :, None] & (z > ALMOST_0)[:, None]
+            cut = np.where(crossing, corner[:, :, None] + (ALMOST_0 - z)[:, :, None] / step[..., 2:] * step, np.nan)
+            seen = np.where(z > ALMOST_0, corner, np.nan)[..., :2] / z
+        seen = np.concatenate([seen, cut[..., :2].reshape(-1, 64, 2) / ALMOST_0], axis=1)
+        left_top = np.where(np.isnan(seen), np.inf, seen).min(axis=1) - 1e-9
+        right_bottom = np.where(np.isnan(seen), -np.inf, seen).max(axis=1) + 1e-9
+        return z.min(axis=(1, 2)), np.concatenate([left_top, right_bottom], axis=1)
 
     def nearest(self, points: Floats) -> tuple[Floats, Ints]:
         """Distance (N,) in metres from points (N, 3) to the nearest surface, and the index (N,) of its thing."""

@@ -18,6 +18,7 @@ from gmmcd_teach.study import (
     PUBLISHED_METRICS,
     Interval,
     backwards,
+    cloud_sizes,
     component_confusion,
     harmonic_bounds,
     mean_interval,
@@ -316,7 +317,20 @@ def test_a_scan_comes_back_from_disk_as_it_was(pair, tmp_path, monkeypatch):
     for a, b in ((fresh, pair), (kept, pair)):
         assert study_runs.digest(a) == study_runs.digest(b)
     assert isinstance(kept.before_frames[0].intrinsics, tuple)
-    assert [path.suffix for path in (tmp_path / "scans").iterdir()] == [".npz"]
+    assert len(list((tmp_path / "scans").glob("cargo_bag-1-*.npz"))) == 2
+
+
+def test_a_scan_without_frames_keeps_none_and_a_later_one_finds_them(pair, tmp_path):
+    sizes = cloud_sizes("cargo_bag", 1)
+    assert sizes == {"before": len(pair.before), "after": len(pair.after)}
+    assert len(list((tmp_path / "scans").glob("*.npz"))) == 1
+    for _ in range(2):  # simulated, then read
+        bare = scan("cargo_bag", 1, frames=False)
+        assert bare.before_frames == bare.after_frames == ()
+        np.testing.assert_array_equal(bare.after, pair.after)
+    assert len(scan("cargo_bag", 1).after_frames) == 1
+    assert study_runs.digest(scan("cargo_bag", 1)) == study_runs.digest(pair)
+    assert scan("cargo_bag", 1, frames=False).before_frames == ()
 
 
 def test_scans_of_older_sources_are_dropped(tmp_path):
@@ -325,7 +339,8 @@ def test_scans_of_older_sources_are_dropped(tmp_path):
     (folder / "cargo_bag-1-0123456789ab.npz").write_bytes(b"")
     (folder / "cargo_bag-11-0123456789ab.npz").write_bytes(b"")
     scan("cargo_bag", 1)
-    assert len(list(folder.glob("cargo_bag-1-*"))) == 1
+    assert len(list(folder.glob("cargo_bag-1-*"))) == 2, "clouds and frames"
+    assert not (folder / "cargo_bag-1-0123456789ab.npz").exists()
     assert (folder / "cargo_bag-11-0123456789ab.npz").exists()
 
 

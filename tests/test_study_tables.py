@@ -60,6 +60,7 @@ from gmmcd_teach.study import (
     welch,
 )
 from gmmcd_teach.study import runs as study_runs
+from gmmcd_teach.study.claims import FEWEST
 from gmmcd_teach.study.explain import balance, joined, stayed
 from gmmcd_teach.study.reasons import WHY
 from gmmcd_teach.study.runs import arguments
@@ -522,15 +523,11 @@ def test_the_ledger_asks_for_the_runs_of_chapter_10():
     """Its grids are written in the chapter; the same arguments are taken from what was kept."""
     source = "\n".join(c.source for c in nbformat.read(ROOT / "notebooks" / "10_scoring_a_detector.ipynb", 4).cells
                        if c.cell_type == "code")  # fmt: skip
-    values = {}
-    for node in ast.parse(source).body:
-        if (
-            isinstance(node, ast.Assign)
-            and isinstance(node.targets[0], ast.Tuple)
-            and isinstance(node.value, ast.Tuple)
-        ):
-            pairs = zip(node.targets[0].elts, node.value.elts, strict=True)
-            values |= {t.id: v.value for t, v in pairs if isinstance(v, ast.Constant)}
+    values = {
+        node.targets[0].id: node.value.value
+        for node in ast.parse(source).body
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant)
+    }
     grids = {
         node.targets[0].id: eval(compile(ast.Expression(node.value), "grid", "eval"), {**values, "range": range})
         for node in ast.parse(source).body
@@ -543,7 +540,9 @@ def test_the_ledger_asks_for_the_runs_of_chapter_10():
 def test_tables_are_asked_for_by_name():
     assert all(jobs for _, jobs in GRIDS.values())
     seeds = {(job["scene"], job["seed"]) for name in ("sweep", "frames", "plane", "cleaned") for job in GRIDS[name][1]}
-    assert len({seed for _, seed in seeds}) >= 10
+    seeds |= {(job["scene"], job["seed"]) for name in ("metrics",) for job in GRIDS[name][1]}
+    for scene, n in {"cargo_bag": 10, "astrobee": 10, "two_objects": FEWEST, "three_objects": FEWEST}.items():
+        assert {seed for name, seed in seeds if name == scene} >= set(range(n))
     with pytest.raises(ValueError, match="no table 'luck'; expected one of 'metrics'"):
         measured("luck")
 

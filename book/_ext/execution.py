@@ -1,8 +1,9 @@
 """Run the notebooks before Sphinx reads them: two at a time, each in an empty folder with no network, and measured.
 
-MyST-NB would run them one after the other. Here they run in a pool first, and `source-read` hands Sphinx the notebook
-with its outputs. Outputs are kept in `_build/.executed` under a key made of the notebook's code cells, the package,
-the lock file, the Python version and whether the real scans are at hand; when one of these changes, it runs again.
+MyST-NB would run them one after the other. Here they run in a pool first, a chapter that uses both cores by itself
+alone, and `source-read` hands Sphinx the notebook with its outputs. Outputs are kept in `_build/.executed` under a key
+made of the notebook's code cells, the package, the lock file, the Python version and whether the real scans are at
+hand; when one of these changes, it runs again.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ import re
 import sys
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -32,7 +35,8 @@ from srcroot import ROOT, chapters_wanted
 
 logger = logging.getLogger(__name__)
 WORKERS = 2
-FIRST = ("10", "11", "12", "17", "C")  # the ledger (C) reads what 10 to 12 have kept; late chapters run longest
+ALONE = ("10",)  # keeps two cores busy by itself: it scans the maps that others read
+FIRST = ("11", "12", "17", "C")  # the ledger (C) reads what 10 to 12 have kept; late chapters run longest
 OFFLINE = Path(__file__).with_name("offline")
 RUNS_IN = re.compile(r"(\*\*It runs\*\* in under [\w ]+?)\.(?=\n|$)")
 COST_PAGES = ("book/intro",)  # pages that quote the chapters' measured times
@@ -136,10 +140,21 @@ def outdated(app: Sphinx, env: BuildEnvironment, added: set[str], changed: set[s
     return {doc for doc in env.found_docs if is_run(app, doc) and shown.get(doc) != stored(app, doc).name}
 
 
+def number_of(docname: str) -> str:
+    return Path(docname).name.split("_")[0]
+
+
 def place_in_line(docname: str) -> tuple[int, str]:
     """Those of FIRST in their order, then the later before the earlier; for `sorted`, from the last to the first."""
-    number = Path(docname).name.split("_")[0]
+    number = number_of(docname)
     return -FIRST.index(number) if number in FIRST else -len(FIRST), docname
+
+
+def run_in_pool(docnames: list[str], workers: int, timeout: int) -> Iterator[tuple[str, Future[dict[str, Any]]]]:
+    with ThreadPoolExecutor(workers) as pool:
+        running = {pool.submit(run_notebook, notebook_path(doc), timeout): doc for doc in docnames}
+        for done in as_completed(running):
+            yield running[done], done
 
 
 def run_outdated(app: Sphinx, env: BuildEnvironment, docnames: list[str]) -> None:
@@ -148,23 +163,21 @@ def run_outdated(app: Sphinx, env: BuildEnvironment, docnames: list[str]) -> Non
     order = sorted(notebooks, key=place_in_line, reverse=True)
     missing = [doc for doc in order if not targets[doc].is_file()]
     failures = []
-    with ThreadPoolExecutor(WORKERS) as pool:
-        timeout = app.config.nb_execution_timeout
-        running = {pool.submit(run_notebook, notebook_path(doc), timeout): doc for doc in missing}
-        for done in as_completed(running):
-            docname = running[done]
-            target = targets[docname]
-            try:
-                result = done.result()
-            except (CellExecutionError, CellTimeoutError, DeadKernelError) as error:
-                failures.append(docname)
-                logger.error("%s failed\n%s", docname, error)
-                continue
-            target.parent.mkdir(parents=True, exist_ok=True)
-            for old in target.parent.glob(f"{Path(docname).name}-*.json"):
-                old.unlink()
-            target.write_text(json.dumps(result), encoding="utf8")
-            logger.info("ran %s: %.1f s, %.0f MB", docname, result["seconds"], result["megabytes"])
+    alone = [doc for doc in missing if number_of(doc) in ALONE]
+    timeout, beside = app.config.nb_execution_timeout, [doc for doc in missing if doc not in alone]
+    for docname, done in chain(run_in_pool(alone, 1, timeout), run_in_pool(beside, WORKERS, timeout)):
+        target = targets[docname]
+        try:
+            result = done.result()
+        except (CellExecutionError, CellTimeoutError, DeadKernelError) as error:
+            failures.append(docname)
+            logger.error("%s failed\n%s", docname, error)
+            continue
+        target.parent.mkdir(parents=True, exist_ok=True)
+        for old in target.parent.glob(f"{Path(docname).name}-*.json"):
+            old.unlink()
+        target.write_text(json.dumps(result), encoding="utf8")
+        logger.info("ran %s: %.1f s, %.0f MB", docname, result["seconds"], result["megabytes"])
     if failures:
         raise ExtensionError(f"notebooks failed: {', '.join(sorted(failures))}")
     shown = env.notebook_outputs = getattr(env, "notebook_outputs", {})  # type: ignore[attr-defined]

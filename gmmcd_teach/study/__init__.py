@@ -8,7 +8,7 @@ from gmmcd_teach.study.intervals import Interval, mean_interval, share_interval,
 from gmmcd_teach.study.ledger import MEASURES, ledger, welch
 from gmmcd_teach.study.runs import run
 from gmmcd_teach.study.runtime import PUBLISHED_RUNTIME, growth, pareto_front, runtime_runs
-from gmmcd_teach.study.scans import backwards, scan
+from gmmcd_teach.study.scans import backwards, cloud_sizes, scan
 from gmmcd_teach.study.scores import component_confusion, object_confusion, score
 from gmmcd_teach.study.sweep import at_edge, scored_rows, sweep_runs
 from gmmcd_teach.study.tables import PUBLISHED_METRICS, harmonic_bounds, metric_runs, metric_table, scan_means
@@ -29,6 +29,7 @@ __all__ = [
     "Interval",
     "at_edge",
     "backwards",
+    "cloud_sizes",
     "component_confusion",
     "explained_runs",
     "growth",

@@ -47,7 +47,7 @@ def explained_runs(
     """
     if change not in CHANGES:
         raise ValueError(f"change = {change!r}; expected one of {', '.join(map(repr, CHANGES))}")
-    pair = scan(scene, seed)
+    pair = scan(scene, seed, frames=False)
     keep = [np.ones(len(cloud), dtype=bool) for cloud in (pair.before, pair.after)]
     if change in ("no shadows", "no lost wall"):
         keep[0] = ~pair.hidden_before

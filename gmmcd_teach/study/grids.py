@@ -24,7 +24,7 @@ LEAVES = (0.03, LEAF, 0.06, 0.1)
 """Metres: voxels that are compared."""
 
 _FRAMES: Row = {"scene": ("cargo_bag", "astrobee"), "seed": range(10)}
-_MAPS: Row = {"scene": ("two_objects", "three_objects"), "seed": range(2)}
+_MAPS: Row = {"scene": ("two_objects", "three_objects"), "seed": range(5), "leaf_size": (0.05,)}
 _PLAIN: Row = {**_FRAMES, "max_components": (25,), "leaf_size": (LEAF,)}
 
 GRIDS: dict[str, tuple[Callable[..., Any], list[Row]]] = {
@@ -32,7 +32,7 @@ GRIDS: dict[str, tuple[Callable[..., Any], list[Row]]] = {
         metric_runs,
         [
             *arguments({**_FRAMES, "leaf_size": (0.03,)}),
-            *arguments({**_MAPS, "starts": (5,), "leaf_size": (0.05,)}),
+            *arguments(_MAPS),
         ],
     ),
     "sweep": (sweep_runs, arguments({**_PLAIN, "scene": ("cargo_bag",), "max_components": SIZES})),
@@ -44,16 +44,16 @@ GRIDS: dict[str, tuple[Callable[..., Any], list[Row]]] = {
     "plane": (sweep_runs, arguments({**_PLAIN, "n_principal_axes": (2,)})),
     "leaves": (sweep_runs, arguments({**_PLAIN, "scene": ("cargo_bag",), "leaf_size": LEAVES})),
     "cleaned": (sweep_runs, arguments({**_PLAIN, "outlier_filter": (True,)})),
-    "maps": (
+    "starts": (
         sweep_runs,
-        arguments({**_MAPS, "start": range(5), "leaf_size": (0.05,)}),
+        arguments({"scene": ("cargo_bag",), "seed": range(3), "start": range(5), "leaf_size": (LEAF,)}),
     ),
     "mixed": (metric_runs, arguments({"scene": ("mixed_frame",), "seed": range(5), "leaf_size": (LEAF,)})),
     "explained": (
         explained_runs,
         [
             *arguments({**_FRAMES, "seed": range(5), "change": CHANGES, "leaf_size": (LEAF,)}),
-            *arguments({**_MAPS, "change": CHANGES[:2] + CHANGES[-2:], "leaf_size": (0.05,)}),
+            *arguments({**_MAPS, "seed": range(2), "change": CHANGES[:2] + CHANGES[-2:]}),
         ],
     ),
 }

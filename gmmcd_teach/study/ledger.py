@@ -14,7 +14,7 @@ from gmmcd_teach.study.grids import LEAVES, SIZES
 from gmmcd_teach.study.intervals import Interval, mean_interval, share_interval
 from gmmcd_teach.study.reasons import reason
 from gmmcd_teach.study.runtime import PUBLISHED_RUNTIME, growth
-from gmmcd_teach.study.tables import PUBLISHED_METRICS, Tables, appeared, at, scan_means
+from gmmcd_teach.study.tables import FORWARD, PUBLISHED_METRICS, Tables, appeared, at, scan_means
 
 Measure = Callable[[Tables], Interval]
 SHARE = (0.0, 1.0)
@@ -191,13 +191,16 @@ MEASURES: dict[str, Measure] = {
     "k-star": _stars,
     "frame-found": _share("frames", lambda rows: rows["missed"] == ""),
     "frame-clean": _share("frames", lambda rows: rows["fp"] == 0, level="object"),
-    "map-two-found": _share("maps", lambda rows: rows["missed"] == "", scene="two_objects"),
+    "map-two-found": _share("metrics", lambda rows: rows["missed"] == "", scene="two_objects", **FORWARD),
     "map-three-found": _share(
-        "maps",
+        "metrics",
         lambda rows: rows["found"].str.contains("crate") & rows["found"].str.contains("cargo bag"),
         scene="three_objects",
+        **FORWARD,
     ),
-    "docked-missed": _share("maps", lambda rows: rows["missed"].str.contains("astrobee"), scene="three_objects"),
+    "docked-missed": _share(
+        "metrics", lambda rows: rows["missed"].str.contains("astrobee"), scene="three_objects", **FORWARD
+    ),
     "k10-missed": _share("sweep", lambda rows: rows["missed"] != "", max_components=SIZES[0]),
     "area-shrinks": _area,
     "k50-fragments": lambda tables: mean_interval(

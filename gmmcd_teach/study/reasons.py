@@ -11,7 +11,7 @@ from gmmcd_teach.study.claims import Claim
 from gmmcd_teach.study.explain import CHANGES
 from gmmcd_teach.study.intervals import Interval
 from gmmcd_teach.study.runtime import PUBLISHED_RUNTIME, growth
-from gmmcd_teach.study.tables import PUBLISHED_METRICS, Tables, appeared, at, scan_means
+from gmmcd_teach.study.tables import FORWARD, PUBLISHED_METRICS, Tables, appeared, at, scan_means
 
 
 def reason(claim: Claim, ours: Interval, tables: Tables) -> str:
@@ -46,7 +46,7 @@ def _metric(claim: Claim, ours: Interval, tables: Tables) -> str:
     scenes = ("cargo_bag", "astrobee") if objects == "one" else (f"{objects}_objects",)
     rows = explained(tables, scenes)
     means, seeds = rows.groupby("change")[metric].mean(), rows["seed"].unique()
-    here = at(tables["metrics"], "component", order="forward", direction="appeared", objects=objects)
+    here = at(tables["metrics"], "component", objects=objects, **FORWARD)
     every = scan_means(here, ["objects"], [metric])
     same = every.loc[every["seed"].isin(seeds), metric]
     return (
@@ -91,14 +91,13 @@ def _edges(tables: Tables) -> str:
     return f"{shares[0]:.0%} of the false points lie within 20 cm of the outline, and {shares[1]:.0%} of all unchanged."
 
 
-def _found(table: str, scene: str) -> Callable[[Tables], str]:
+def _found(scene: str) -> Callable[[Tables], str]:
     def why(tables: Tables) -> str:
-        rows = at(tables[table], scene=scene)
+        rows = at(tables["metrics"], scene=scene, **FORWARD)
         names = sorted({name for cell in (*rows["found"], *rows["missed"]) for name in cell.split(", ") if name})
         parts = (f"{name} in {rows['found'].str.contains(name).sum()}" for name in names)
         return (
-            f"Of {len(rows)} runs on {rows['seed'].nunique()} scans, found: {', '.join(parts)}; "
-            f"{rows['claimed'].mean():.0%} of the points are claimed."
+            f"Of {len(rows)} scans, found: {', '.join(parts)}; {rows['claimed'].mean():.0%} of the points are claimed."
         )
 
     return why
@@ -187,14 +186,14 @@ WHY: dict[str, Callable[[Tables], str]] = {
     "f1-best-three": _winner("f1"),
     "f1-one-over-two": _winner("f1"),
     "disappearances-similar": lambda tables: (
-        "From the same two fits they are equal by construction; ours are new fits, the starts of a scan averaged."
+        "From the same two fits they are equal by construction; ours are new fits, from other starts."
     ),
     "k-star": _stars,
     "frame-found": _frames,
     "frame-clean": _clean,
-    "map-two-found": _found("maps", "two_objects"),
-    "map-three-found": _found("maps", "three_objects"),
-    "docked-missed": _found("maps", "three_objects"),
+    "map-two-found": _found("two_objects"),
+    "map-three-found": _found("three_objects"),
+    "docked-missed": _found("three_objects"),
     "k10-missed": _melts,
     "area-shrinks": _ks("claimed", "Share claimed"),
     "k50-fragments": _ks("n_true", "Components of the bag"),

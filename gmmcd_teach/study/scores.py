@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -143,6 +144,32 @@ def score(
                 tables["overlap"] = component_confusion(mixture, taken, fitted, true, overlap)
         rows += [as_row(table, direction=direction, level=level) for level, table in tables.items()]
     return rows
+
+
+def objects_found(claimed: ArrayLike, numbers: ArrayLike, names: Sequence[str]) -> Row:
+    """Which objects of a cloud were found: those of which more than half is claimed.
+
+    Parameters
+    ----------
+    claimed : (N,) bool.
+    numbers : (N,) the object that a point belongs to, 1 for the first name; 0 for none. An object without points is
+        neither found nor missed.
+    names : of the objects.
+
+    Returns
+    -------
+    `claimed`, the share of all points, and the names `found` and `missed`, each joined by commas.
+
+    Examples
+    --------
+    >>> objects_found([True, False, True, False], [1, 1, 1, 2], ["bag", "crate"])
+    {'claimed': 0.5, 'found': 'bag', 'missed': 'crate'}
+    """
+    mask, number = np.asarray(claimed, dtype=bool), np.asarray(numbers)
+    shares = {name: mask[number == i].mean() for i, name in enumerate(names, start=1) if (number == i).any()}
+    found = [name for name, share in shares.items() if share > 0.5]
+    missed = [name for name in shares if name not in found]
+    return {"claimed": float(mask.mean()), "found": ", ".join(found), "missed": ", ".join(missed)}
 
 
 def as_row(table: Confusion, **labels: Any) -> Row:

@@ -17,7 +17,7 @@ from gmmcd_teach.metrics import changed_share, confusion
 from gmmcd_teach.pca import principal_axes
 from gmmcd_teach.study.fragments import merged_confusion
 from gmmcd_teach.study.scans import scan
-from gmmcd_teach.study.scores import Row, as_row, object_confusion
+from gmmcd_teach.study.scores import Row, as_row, object_confusion, objects_found
 from gmmcd_teach.study.tables import OVERLAP
 
 EDGE = 0.2
@@ -49,7 +49,7 @@ def sweep_runs(scene: str, seed: int, start: int = 0, **options: Any) -> list[Ro
     >>> [row["level"] for row in rows]
     ['component', 'point', 'object', 'overlap', 'merged']
     """
-    pair = scan(scene, seed)
+    pair = scan(scene, seed, frames=False)
     begun = process_time()
     detection = detect_changes(pair.before, pair.after, rng=np.random.default_rng([seed, start]), **options)
     cpu = process_time() - begun
@@ -100,8 +100,7 @@ def notes(claimed: NDArray[np.bool_], pair: ScenePair) -> Row:
 
     Returns
     -------
-    `claimed` : their share.
-    `found`, `missed` : names of objects of which more than half, or less, is claimed.
+    `claimed`, `found`, `missed` : see `objects_found`.
     `edge_false`, `edge_all` : share of the falsely claimed points, and of all unchanged points, at the scan's edge.
 
     Examples
@@ -110,16 +109,11 @@ def notes(claimed: NDArray[np.bool_], pair: ScenePair) -> Row:
     >>> notes(pair.appeared, pair)["found"]
     'cargo bag'
     """
-    numbers = pair.after_objects
-    names = {name: numbers == i for i, name in enumerate(pair.object_names, start=1) if (numbers == i).any()}
-    found = [name for name, mine in names.items() if claimed[mine].mean() > 0.5]
-    edge, false = at_edge(pair.after), claimed & (numbers == 0)
+    edge, false = at_edge(pair.after), claimed & (pair.after_objects == 0)
     return {
-        "claimed": float(claimed.mean()),
-        "found": ", ".join(found),
-        "missed": ", ".join(name for name in names if name not in found),
+        **objects_found(claimed, pair.after_objects, pair.object_names),
         "edge_false": float(edge[false].mean()) if false.any() else float("nan"),
-        "edge_all": float(edge[numbers == 0].mean()),
+        "edge_all": float(edge[pair.after_objects == 0].mean()),
     }
 
 

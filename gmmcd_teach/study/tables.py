@@ -11,7 +11,7 @@ import pandas as pd
 from gmmcd_teach.methods import detect_changes
 from gmmcd_teach.study.intervals import summary
 from gmmcd_teach.study.scans import backwards, scan
-from gmmcd_teach.study.scores import METRICS, Row, score
+from gmmcd_teach.study.scores import METRICS, Row, objects_found, score
 
 PUBLISHED_METRICS = pd.DataFrame(
     {"one": [0.953, 0.600, 1.000, 0.727], "two": [0.929, 0.617, 0.667, 0.650], "three": [0.952, 0.933, 0.750, 0.829]},
@@ -24,6 +24,9 @@ OBJECTS = {"cargo_bag": "one", "astrobee": "one", "two_objects": "two", "three_o
 
 Tables = Mapping[str, pd.DataFrame]
 """Name -> table of runs, see `measured`."""
+
+FORWARD = {"order": "forward", "direction": "appeared"}
+"""Rows of `metric_runs` on what has come, asked for in the order of time."""
 
 OVERLAP = 0.1
 """Share of changed points from which a component "overlaps" a change; the paper gives no number."""
@@ -44,8 +47,8 @@ def metric_runs(scene: str, seed: int, starts: int = 1, **options: Any) -> list[
     Returns
     -------
     The rows of `score`, and components counted by the paper's word, `level` "overlap": changed where more than
-    `OVERLAP` of the points have. Besides `objects`, `start`, `order` ("forward", "backward") and `n_components` of the
-    mixture that is scored.
+    `OVERLAP` of the points have. Besides `objects`, `start`, `order` ("forward", "backward"), `n_components` of the
+    mixture that is scored, and what `objects_found` says of the direction's claimed points.
 
     Examples
     --------
@@ -54,18 +57,25 @@ def metric_runs(scene: str, seed: int, starts: int = 1, **options: Any) -> list[
     [('backward', 'disappeared'), ('forward', 'appeared')]
     """
     rows = []
-    forward = scan(scene, seed)
+    forward = scan(scene, seed, frames=False)
     for order, pair in {"forward": forward, "backward": backwards(forward)}.items():
         for start in range(starts):
             rng = np.random.default_rng([seed, start, int(order == "backward")])
             detection = detect_changes(pair.before, pair.after, rng=rng, **options)
-            sizes = {
-                "appeared": getattr(detection.after_mixture, "n_components", 0),
-                "disappeared": getattr(detection.before_mixture, "n_components", 0),
-            }
             labels = {"objects": OBJECTS.get(scene, scene), "start": start, "order": order}
+            sides = {
+                "appeared": (detection.after_mixture, detection.appeared, pair.after_objects),
+                "disappeared": (detection.before_mixture, detection.disappeared, pair.before_objects),
+            }
+            notes = {
+                direction: {
+                    "n_components": getattr(mixture, "n_components", 0),
+                    **objects_found(claimed, numbers, pair.object_names),
+                }
+                for direction, (mixture, claimed, numbers) in sides.items()
+            }
             found = score(detection, pair, overlap=OVERLAP)
-            rows += [{**labels, "n_components": sizes[row["direction"]], **row} for row in found]
+            rows += [{**labels, **notes[row["direction"]], **row} for row in found]
     return rows
 
 
@@ -152,7 +162,7 @@ def appeared(tables: Tables, metric: str, objects: str) -> pd.Series[float]:
     >>> appeared({"metrics": runs}, "f1", "two").tolist()
     [0.5]
     """
-    rows = at(tables["metrics"], "component", order="forward", direction="appeared", objects=objects)
+    rows = at(tables["metrics"], "component", objects=objects, **FORWARD)
     return scan_means(rows, [], [metric])[metric]
 
 

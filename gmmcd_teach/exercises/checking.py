@@ -116,7 +116,7 @@ def judge(exercise: Exercise, attempt: Callable[..., Any]) -> Verdict:
         if trouble:
             named = recognised(exercise, attempt, cases[number:])
             return Verdict(exercise.name, False, True, named or trouble)
-    return Verdict(exercise.name, True, True, f"right, on {len(cases)} cases")
+    return Verdict(exercise.name, True, True, f"right, on {len(cases)} case{'s' * (len(cases) > 1)}")
 
 
 def recognised(exercise: Exercise, attempt: Callable[..., Any], cases: list[tuple[Any, ...]]) -> str:

@@ -125,15 +125,20 @@ def voxel_downsample(points: ArrayLike, leaf_size: float) -> Voxels:
 def _number(cells: Floats) -> NDArray[np.int64]:
     """Number the distinct columns of `cells` (D, N) in lexicographic order, (N,); the cells are written over."""
     cells -= cells.min(axis=1, keepdims=True)
-    if np.prod(cells.max(axis=1) + 1) >= 2.0**62:
+    if not _fit_in_a_key(cells):
         cells[:] = [np.unique(axis, return_inverse=True)[1] for axis in cells]
-    if np.prod(cells.max(axis=1) + 1) >= 2.0**62:  # many dimensions
+    if not _fit_in_a_key(cells):  # many dimensions
         return np.unique(cells, axis=1, return_inverse=True)[1].ravel()
     key = cells[0].astype(np.int64)
     for axis in cells[1:]:
         key *= int(axis.max()) + 1
         key += axis.astype(np.int64)
     return _ranks(key)
+
+
+def _fit_in_a_key(cells: Floats) -> bool:
+    """Do the columns of `cells` (D, N), counted from 0, have distinct numbers below 2^62?"""
+    return bool(np.prod(cells.max(axis=1) + 1) < 2.0**62)
 
 
 def _ranks(key: NDArray[np.int64]) -> NDArray[np.int64]:

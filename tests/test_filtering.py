@@ -174,6 +174,21 @@ def test_more_cells_than_a_64_bit_number_can_name_are_numbered_in_order(far):
     assert [np.flatnonzero(voxels.membership == m).tolist() for m in range(len(members))] == members
 
 
+@pytest.mark.parametrize(
+    ("widest", "fit"),
+    [([2**31 - 1, 2**31 - 1], False), ([2**31 - 1025, 2**31 - 1], True), ([2**62 - 1024], True), ([2**62], False)],
+)
+def test_a_key_names_fewer_than_2_to_the_62_cells(widest, fit):
+    cells = np.array([np.zeros(len(widest)), widest]).T
+    assert filtering._fit_in_a_key(cells) is fit
+
+
+def test_a_cell_number_of_exactly_2_to_the_53_is_too_large():
+    assert len(voxel_downsample([[0.0], [2.0**53 - 1]], 1.0).counts) == 2
+    with pytest.raises(CloudError, match=r"^points: reach too far"):
+        voxel_downsample([[0.0], [2.0**53]], 1.0)
+
+
 def test_a_million_duplicates():
     points = np.tile([[0.1, 0.2, 0.3]], (1_000_000, 1))
     voxels = voxel_downsample(points, 0.05)

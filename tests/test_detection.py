@@ -201,3 +201,19 @@ def test_nothing_is_changed_in_place():
 def test_what_cannot_be_done_is_refused(before, options, error, words):
     with pytest.raises(error, match=words):
         detect_greedy(before, AFTER, **FAST, **options)
+
+
+@pytest.mark.parametrize("wrong", [0, 2.0, "25"])
+def test_a_number_of_components_that_is_none_is_named(wrong):
+    cloud = np.random.default_rng(0).normal(size=(40, 3))
+    with pytest.raises(ValueError, match=rf"^max_components = {wrong!r}; expected a whole number of at least 1$"):
+        detect_greedy(cloud, cloud, max_components=wrong)
+    assert detect_greedy(cloud, cloud, max_components=1).after_mixture.n_components == 1
+
+
+def test_the_cloud_that_cannot_be_fitted_is_named():
+    cloud = np.random.default_rng(0).normal(size=(40, 3))
+    with pytest.raises(CloudError, match=r"^after: 3 points; at least 25 needed$"):
+        detect_greedy(cloud, cloud[:3])
+    with pytest.raises(CloudError, match=r"^before: 3 points; at least 25 needed$"):
+        detect_greedy(cloud[:3], cloud)

@@ -877,3 +877,11 @@ def test_an_option_out_of_range_is_named_with_its_range(option, words):
 def test_a_cloud_that_cannot_be_fitted_is_refused(points, options, words):
     with pytest.raises(CloudError, match=re.escape(words)):
         fit_mixture(points, **{"max_components": 3, **options})
+
+
+def test_a_start_that_is_none_is_told_what_would_be_one():
+    says = r"^init = 'luck'; expected one of 'random', 'kmeans\+\+', or a GaussianMixture$"
+    with pytest.raises(ValueError, match=says):
+        fit_mixture(np.eye(3), 2, init="luck")
+    with pytest.raises(ValueError, match=r"^update = 'luck'; expected one of 'batch', 'componentwise'$"):
+        fit_mixture(np.eye(3), 2, update="luck")

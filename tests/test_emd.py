@@ -260,3 +260,11 @@ def test_masses_that_no_solver_can_tell_from_nothing_are_refused(solver):
         emd([1.0], [1e-18], [[2.0]], mass="partial", solver=solver)
     with pytest.raises(CloudError, match=r"^weights_p: expected a .* masses from 0 to 1e150"):
         emd([1e308, 1e308], [1.0], [[2.0], [1.0]], solver=solver)
+
+
+def test_what_is_no_mixture_is_named():
+    one = GaussianMixture([1.0], [[0.0]], [[[1.0]]])
+    with pytest.raises(CloudError, match=r"^p: NoneType; expected a GaussianMixture$"):
+        mean_distances(None, one)
+    with pytest.raises(CloudError, match=r"^q: int; expected a GaussianMixture$"):
+        mean_distances(one, 3)

@@ -272,3 +272,15 @@ def test_cholesky_factors_are_lower_triangles_whose_squares_are_the_covariances(
     factors = cholesky_factors(m.covariances)
     np.testing.assert_allclose(factors @ factors.swapaxes(1, 2), m.covariances, rtol=1e-12, atol=1e-12)
     assert (np.triu(factors, 1) == 0).all()
+
+
+def test_an_offset_that_is_no_array_is_named():
+    with pytest.raises(CloudError, match=r"^offset: "):
+        GaussianMixture([1.0], [[0.0]], [[[1.0]]]).moved("far")
+
+
+def test_covariances_of_rounded_symmetry_are_taken_and_others_named():
+    nearly = np.array([[[1.0, 0.1 + 1e-12], [0.1, 1.0]]])
+    assert GaussianMixture([1.0], [[0.0, 0.0]], nearly).n_components == 1
+    with pytest.raises(CloudError, match=r"^covariance of component 1: not symmetric$"):
+        GaussianMixture([0.5, 0.5], np.zeros((2, 2)), [np.eye(2), [[1.0, 0.2], [0.1, 1.0]]])

@@ -35,7 +35,7 @@ from srcroot import ROOT, chapters_wanted
 
 logger = logging.getLogger(__name__)
 WORKERS = 2
-ALONE = ("10",)  # keeps two cores busy by itself: it scans the maps that others read
+ALONE = ("09", "10")  # keep two cores busy by themselves: they scan the maps that others read
 FIRST = ("11", "12", "17", "C")  # the ledger (C) reads what 10 to 12 have kept; late chapters run longest
 OFFLINE = Path(__file__).with_name("offline")
 RUNS_IN = re.compile(r"(\*\*It runs\*\* in under [\w ]+?)\.(?=\n|$)")
@@ -163,7 +163,7 @@ def run_outdated(app: Sphinx, env: BuildEnvironment, docnames: list[str]) -> Non
     order = sorted(notebooks, key=place_in_line, reverse=True)
     missing = [doc for doc in order if not targets[doc].is_file()]
     failures = []
-    alone = [doc for doc in missing if number_of(doc) in ALONE]
+    alone = sorted(doc for doc in missing if number_of(doc) in ALONE)
     timeout, beside = app.config.nb_execution_timeout, [doc for doc in missing if doc not in alone]
     for docname, done in chain(run_in_pool(alone, 1, timeout), run_in_pool(beside, WORKERS, timeout)):
         target = targets[docname]

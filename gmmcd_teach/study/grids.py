@@ -24,7 +24,7 @@ LEAVES = (0.03, LEAF, 0.06, 0.1)
 """Metres: voxels that are compared."""
 
 _FRAMES: Row = {"scene": ("cargo_bag", "astrobee"), "seed": range(10)}
-_MAPS: Row = {"scene": ("two_objects", "three_objects"), "seed": range(5), "leaf_size": (0.05,)}
+_MAPS: Row = {"scene": ("two_objects", "three_objects"), "seed": range(10), "leaf_size": (0.05,)}
 _PLAIN: Row = {**_FRAMES, "max_components": (25,), "leaf_size": (LEAF,)}
 
 GRIDS: dict[str, tuple[Callable[..., Any], list[Row]]] = {

@@ -428,7 +428,7 @@ def test_the_projection_is_vtks(mixture):
     np.testing.assert_allclose(camera.project(mixture.means), homogeneous[:, :2] / homogeneous[:, 3:], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["oblique", "top", "front", "side", "sensor"])
+@pytest.mark.parametrize("name", ["oblique", "top", "front", "back", "side", "sensor"])
 @pytest.mark.parametrize("aspect", [1.0, 1.5])
 def test_every_camera_sees_all_lines_and_nearly_all_points_and_is_close(name, aspect):
     cloud = np.vstack([random_cloud(2000), [[50.0, 0, 0]]])
@@ -581,13 +581,22 @@ assert threading.active_count() == 1
     assert (answer.returncode, answer.stdout, answer.stderr) == (0, "", "")
 
 
+def test_a_view_tells_the_extent_of_all_points_also_of_those_it_leaves_out():
+    cloud = np.zeros((1001, 3))
+    cloud[500] = 3, 2, 1  # the one far point, which is not drawn
+    scene = view([Points(cloud)], alt="A far point.", max_points=10)
+    assert len(scene.panels[""][0].vertices) == 10
+    assert np.ptp(scene.panels[""][0].vertices, axis=0).max() == 0
+    assert "x, y, z extent 3.00 × 2.00 × 1.00 m" in scene.page
+
+
 @pytest.mark.parametrize(
     ("layers", "options", "error", "message"),
     [
         ([Points([[0, 0, 0]])], {"alt": ""}, ValueError, "alt"),
         ([], {}, ValueError, "nothing to draw"),
         ({}, {}, ValueError, "nothing to draw"),
-        ([Points([[0, 0, 0]])], {"camera": "back"}, ValueError, "oblique, top, front, side, sensor"),
+        ([Points([[0, 0, 0]])], {"camera": "below"}, ValueError, "oblique, top, front, back, side, sensor"),
         ([Points([[0, 0, 0]], "red")], {}, ValueError, "not one of before"),
         ([Points([[0, 0]])], {}, CloudError, r"expected \(N, D\) with D = 3"),
         ([Points([[0, 0, np.nan]])], {}, CloudError, "NaN"),

@@ -79,16 +79,17 @@ window.global = {};  // where the viewer leaves what it has drawn
       const { clientWidth: width, clientHeight: height } = content, n = only < 0 ? parts.length : 1;
       if (!width || !height) return;
       const columns = Math.max(1, Math.min(n, Math.floor(width / 240))), rows = Math.ceil(n / columns);
+      const band = Math.max(...titles.map(title => title.offsetHeight)) / height;  // titles stand above points
       renderers.forEach((renderer, panel) => {
         const shown = only < 0 || only === panel, i = only < 0 ? panel : 0;
         renderer.setDraw(shown);
         titles[panel].hidden = !shown;
         if (!shown) return;
         const left = (i % columns) / columns, top = Math.floor(i / columns) / rows;
-        renderer.setViewport(left, 1 - top - 1 / rows, left + 1 / columns, 1 - top);
+        renderer.setViewport(left, 1 - top - 1 / rows, left + 1 / columns, 1 - top - band);
         titles[panel].style.cssText = `left:${100 * (left + 0.5 / columns)}%;top:${100 * top}%`;
       });
-      const narrow = (width / columns) / (height / rows) < aspect;
+      const narrow = (width / columns) / (height * (1 / rows - band)) < aspect;
       camera.setUseHorizontalViewAngle(narrow);
       camera.setViewAngle(narrow ? 2 * Math.atan(aspect * Math.tan(angle / 2 * Math.PI / 180)) * 180 / Math.PI : angle);
       draw();

@@ -244,6 +244,7 @@ CAMERAS: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, floa
     "oblique": ((0.6, 0.8, -0.75), (0, 0, 1)),
     "top": ((0, 0, -1), (0, 1, 0)),
     "front": ((0, 1, 0), (0, 0, 1)),
+    "back": ((0, -1, 0), (0, 0, 1)),
     "side": ((-1, 0, 0), (0, 0, 1)),
     "sensor": ((0.25, 0.4, 1), (0, -1, 0)),
 }

@@ -23,7 +23,7 @@ from gmmcd_teach.formats.atomic import write_text_atomically
 
 from .cards import CARD_STYLE, card, checked_alt, image_tag, png, unique_id
 from .page import TEMPLATE
-from .scenes import VIEW_ANGLE, Camera, Layer, Mesh, fitted_camera, is_cloud, thinned
+from .scenes import VIEW_ANGLE, Camera, Floats, Layer, Mesh, fitted_camera, is_cloud, thinned
 from .style import INK, PAPER
 
 if TYPE_CHECKING:
@@ -48,10 +48,12 @@ class View:
     Attributes
     ----------
     panels : title -> meshes, drawn side by side from the same camera.
+    extent : metres along x, y and z that all points take, those that are left out too.
     camera, alt, caption, height : where from; what is seen, in words; what to look at; CSS pixels.
     """
 
     panels: Mapping[str, Sequence[Mesh]]
+    extent: Floats
     camera: Camera
     alt: str
     caption: str | None
@@ -106,7 +108,7 @@ def view(
         side and turn together. The legend switches each meaning on and off.
     alt : what the scene shows, in words, for readers who do not see it.
     caption : what to look at.
-    camera : "oblique", "top", "front", "side" (z up), "sensor" (points in a depth camera's own frame), or a Camera.
+    camera : "oblique", "top", "front", "back", "side" (z up), "sensor" (points in a depth camera's frame), or a Camera.
     height : CSS pixels.
     max_points : points drawn in all panels together, others are left out evenly, the small groups last: 40,000 points
         make a page of about 1.5 MB, of which 1.1 MB is the viewer.
@@ -136,8 +138,10 @@ def view(
         raise ValueError(f"max_points = {max_points}, height = {height}; both must be at least 1")
     if isinstance(camera, str):
         camera = fitted_camera(meshes, camera, aspect=_aspect(len(drawn)))
+    extent = np.ptp(np.concatenate([mesh.vertices for mesh in meshes]), axis=0)
     fewer = iter(thinned(meshes, max_points))
-    return View({title: [next(fewer) for _ in panel] for title, panel in drawn.items()}, camera, alt, caption, height)
+    shown = {title: [next(fewer) for _ in panel] for title, panel in drawn.items()}
+    return View(shown, extent, camera, alt, caption, height)
 
 
 def _aspect(n_panels: int) -> float:
@@ -203,8 +207,7 @@ def _page(view: View) -> str:
         f'<label><input type="checkbox" checked value="{i}"><i style="background:{key}"></i>{escape(label)}</label>'
         for (label, key), i in entries.items()
     )
-    vertices = np.concatenate([mesh.vertices for panel in view.panels.values() for mesh in panel])
-    extent = " × ".join(f"{length:.2f}" for length in np.ptp(vertices, axis=0))
+    extent = " × ".join(f"{length:.2f}" for length in view.extent)
     fields = {
         "PAPER": PAPER,
         "INK": INK,

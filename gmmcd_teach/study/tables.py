@@ -63,19 +63,14 @@ def metric_runs(scene: str, seed: int, starts: int = 1, **options: Any) -> list[
             rng = np.random.default_rng([seed, start, int(order == "backward")])
             detection = detect_changes(pair.before, pair.after, rng=rng, **options)
             labels = {"objects": OBJECTS.get(scene, scene), "start": start, "order": order}
-            sides = {
-                "appeared": (detection.after_mixture, detection.appeared, pair.after_objects),
-                "disappeared": (detection.before_mixture, detection.disappeared, pair.before_objects),
-            }
-            notes = {
-                direction: {
-                    "n_components": getattr(mixture, "n_components", 0),
-                    **objects_found(claimed, numbers, pair.object_names),
-                }
-                for direction, (mixture, claimed, numbers) in sides.items()
-            }
             found = score(detection, pair, overlap=OVERLAP)
-            rows += [{**labels, **notes[row["direction"]], **row} for row in found]
+            for direction, mixture, claimed, numbers in (
+                ("appeared", detection.after_mixture, detection.appeared, pair.after_objects),
+                ("disappeared", detection.before_mixture, detection.disappeared, pair.before_objects),
+            ):
+                labels |= {"n_components": getattr(mixture, "n_components", 0)}
+                labels |= objects_found(claimed, numbers, pair.object_names)
+                rows += [{**labels, **row} for row in found if row["direction"] == direction]
     return rows
 
 

@@ -15,9 +15,9 @@ REACH = 60.0  # nats: a component whose density lies so far below that of a poin
 def expect(mixture: GaussianMixture, blocks: Blocks, reach: float = REACH) -> tuple[float, Floats]:
     """The E-step: log-likelihood (Eq. 4), and the (K, F) sums over points of w_ik times features (Eqs. 6 and 7).
 
-    Dividing the few features of a point by its density, instead of its K densities, makes them responsibilities. Below
-    exp(-700) a density is as good as none, and slow to compute. Where a point's density has fallen far below that of
-    the E-step before, its reference was too old: all are taken anew from the largest term, as log-sum-exp does.
+    Densities are relative to those of the E-step before. Below exp(-700) one is as good as none, and slow to compute.
+    Where a point's density has fallen far below that, the reference was too old: all are taken anew from the largest
+    term, as log-sum-exp does.
     """
     features, counts = blocks.features, blocks.counts  # (M, F + 1, B), (M, B)
     k, (_, f, size) = mixture.n_components, features.shape
@@ -25,17 +25,16 @@ def expect(mixture: GaussianMixture, blocks: Blocks, reach: float = REACH) -> tu
     sums = np.zeros((k, f - 1))
     total = np.empty_like(counts)  # densities of the points, relative to the E-step before
     space = np.empty((k, size))  # for each block again: fresh memory costs more than the arithmetic
-    lowest = np.full(size, -700.0)  # a row: NumPy is slower with a number
-    divided = np.empty((f - 1, size))
+    lowest = np.full((k, size), -700.0)  # as many as there are densities: NumPy is slower with a row, or a number
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         for m, near in enumerate(within_reach(mixture, blocks, reach)):
             phi, density = features[m], space[: len(near)]  # (F + 1, B), (K', B)
             np.matmul(eta[near], phi, out=density)
-            np.maximum(density, lowest, out=density)
+            np.maximum(density, lowest[: len(near)], out=density)
             np.exp(density, out=density)
             np.matmul(np.ones(len(near)), density, out=total[m])
-            np.multiply(phi[:-1], counts[m] / total[m], out=divided)
-            sums[near] += density @ divided.T
+            density *= counts[m] / total[m]  # w_ik, as often as the point counts
+            sums[near] += density @ phi[:-1].T
     if reach < np.inf and (total.min() < 1e-10 or total.max() > 1e100):
         features[:, -1] = 0.0
         for phi in features:

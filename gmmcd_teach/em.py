@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from gmmcd_teach import batch, componentwise
 from gmmcd_teach.clouds import CloudError, check_points
-from gmmcd_teach.features import Blocks, average_over_cells, blocks_of, quadratic_features
+from gmmcd_teach.features import Blocks, average_over_cells, block_size, blocks_of, quadratic_features
 from gmmcd_teach.mdl import mdl_penalty
 from gmmcd_teach.mixture import LARGEST, GaussianMixture, generator
 from gmmcd_teach.starts import check_options, check_weights, starting_mixture
@@ -110,7 +110,7 @@ def fit_mixture(
         raise CloudError(f"points: coordinates beyond {LARGEST:.0e} m; their squares overflow")
 
     features = quadratic_features(s)  # (F, N)
-    blocks = blocks_of(features, counts)
+    blocks = blocks_of(features, counts, block_size(max_components))
     if isinstance(init, GaussianMixture):
         start = init.moved(-centre)
     else:
@@ -119,7 +119,7 @@ def fit_mixture(
     if cell_size is None:
         fit = run.path(start, blocks)
     else:
-        cells = blocks_of(*average_over_cells(s, features, counts, cell_size))
+        cells = blocks_of(*average_over_cells(s, features, counts, cell_size), block_size(max_components))
         fit = run.polish(run.path(start, cells), blocks)
     log_likelihood = float(counts @ fit.mixture.log_density(s))  # from each mean: no digits lost to squares
     length = mdl_penalty(fit.mixture.weights, counts.sum(), s.shape[1]) - log_likelihood

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from gmmcd_teach.clouds import CloudError, Floats
 from gmmcd_teach.mixture import GaussianMixture
 
-BLOCK = 5_000  # most points worked on at a time: with fewer, Python's calls weigh; with more, densities leave the cache
+BLOCK = 5_000  # most points worked on at a time: with fewer, the calls from Python weigh
+DENSITIES = 125_000  # most densities of a block, 1 MB: with more, they leave the cache of a core
 
 
 class Blocks(NamedTuple):
@@ -30,6 +31,17 @@ class Blocks(NamedTuple):
     counts: Floats
     centres: Floats
     reaches: Floats
+
+
+def block_size(n_components: int) -> int:
+    """Most points of a block, for so many components.
+
+    Examples
+    --------
+    >>> [block_size(k) for k in (5, 25, 50)]
+    [5000, 5000, 2500]
+    """
+    return max(1, min(BLOCK, DENSITIES // n_components))
 
 
 @cache

@@ -28,10 +28,14 @@ class Ratio:
         return f"{self.what:<62} {self.value:9.2f}   target: {target:<14} {'met' if met else 'MISSED'}"
 
 
-def medians(functions: Mapping[str, Callable[[], Any]], repeats: int, *, wall: bool = False) -> dict[str, float]:
-    """Median seconds of each function, all called in turn, so that a busy moment hits all of them.
+def medians(
+    functions: Mapping[str, Callable[[], Any]], repeats: int, *, in_a_row: int = 1, wall: bool = False
+) -> dict[str, float]:
+    """Median seconds of a call of each function, all of them in turn, so that a busy moment hits all.
 
-    CPU seconds of this process, unless `wall`: neighbours on the machine then do not count as much.
+    At its turn a function is called `in_a_row` times, as a fit calls its iterations: the caches then hold its own data,
+    not those of the function before. CPU seconds of this process, unless `wall`: neighbours on the machine then do not
+    count as much.
     """
     clock = perf_counter if wall else process_time
     seconds: dict[str, list[float]] = {name: [] for name in functions}
@@ -40,8 +44,9 @@ def medians(functions: Mapping[str, Callable[[], Any]], repeats: int, *, wall: b
     for _ in range(repeats):
         for name, function in functions.items():
             start = clock()
-            function()
-            seconds[name].append(clock() - start)
+            for _ in range(in_a_row):
+                function()
+            seconds[name].append((clock() - start) / in_a_row)
     return {name: median(measured) for name, measured in seconds.items()}
 
 

@@ -1,4 +1,4 @@
-"""How fast the package is: a ratio beside each target, all measured in one process on one core.
+"""How fast the package is: a ratio beside each target, both sides measured in one process on one core.
 
 Run `python -m tests.benchmarks`, or some of them by number: `python -m tests.benchmarks 1 4`.
 """

@@ -28,9 +28,8 @@ class MDLGaussianMixture(DensityMixin, ClusterMixin, BaseEstimator):
     ----------
     max_components, min_components, tol, max_iter, update, init, cell_size, covariance_floor
         See `fit_mixture`. With fewer distinct samples than max_components, the maximum is lowered to their number; a
-        mixture as `init` must then have as many components.
-    random_state : None, int or RandomState
-        Seed of the starting means.
+        mixture as `init` cannot be used then.
+    random_state : seed of the starting means: None, int or RandomState.
 
     Attributes
     ----------

@@ -147,7 +147,7 @@ def average_over_cells(points: Floats, features: Floats, counts: Floats, cell_si
 
 
 def natural_parameters(mixture: GaussianMixture) -> Floats:
-    """(K, F) coefficients eta with log alpha_k + log p(s | theta_k) = eta_k . features(s).
+    """(K, F) coefficients eta with log alpha_k + log p(s | theta_k) = eta_k times features(s).
 
     Examples
     --------

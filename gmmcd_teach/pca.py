@@ -27,7 +27,7 @@ class PrincipalAxes:
     variances: Floats
 
     def project(self, points: ArrayLike, n_components: int) -> Floats:
-        """(N, n_components) coordinates along the first axes: the direction of least variance is dropped.
+        """(N, n_components) coordinates along the first axes: the directions of least variance are dropped.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Progress bars that can be switched off, by the caller or by the environment variable TQDM_DISABLE."""
+"""Progress bars that can be switched off, by the caller or by the environment variable TQDM_DISABLE (chapter 18)."""
 
 from __future__ import annotations
 

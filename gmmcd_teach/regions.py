@@ -105,9 +105,9 @@ def contradicted_by(
 
     With `origin` (3,), where the other scan was taken from: the other scan looked past the point, at something farther
     away. Without: nothing of the other scan is near. That is weaker, since nothing is near a surface either that the
-    other scan could not see. Near is within `tolerance` metres; None takes three times the spacing of the points or
-    three times the median distance between the two scans, whichever is larger, so that noise and a scan laid slightly
-    askew are no evidence; `points` must then be the whole scan.
+    other scan could not see. Near is within `tolerance` metres; None takes three times the spacing of the other scan's
+    points or three times the median distance between the two scans, whichever is larger, so that noise and a scan laid
+    slightly askew are no evidence; `points` must then be the whole scan.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the command line says and writes: a table, a report for machines, the changed points, and a page that turns."""
+"""What the command line says and writes: a table, a report for machines, the changed points, a page (chapter 18)."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ INITS = ("random", "kmeans++")
 def starting_mixture(
     points: Floats, counts: Floats, n_components: int, init: str, covariance_floor: float, rng: np.random.Generator
 ) -> GaussianMixture:
-    """K equal round Gaussians on points drawn at random, a tenth of the largest variance each (Figueiredo & Jain).
+    """K equal round Gaussians on points drawn at random, a tenth of the largest variance each (published code).
 
     "kmeans++" draws each next mean with a probability that grows with the squared distance to those drawn before
     (Arthur & Vassilvitskii 2007).

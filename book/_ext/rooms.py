@@ -6,6 +6,7 @@ import importlib
 import inspect
 import pkgutil
 import re
+from textwrap import indent
 from typing import Any
 
 import nbformat
@@ -41,7 +42,7 @@ class ChapterMap(FromMyst):
             opening = nbformat.read(ROOT / f"{doc}.ipynb", as_version=4).cells[0].source
             question = QUESTION.search(opening)
             seconds, megabytes = costs.get(doc, (float("nan"), float("nan")))
-            cost = f"{seconds:.0f} s | {megabytes:.0f} MB" if doc in costs else "not run | "
+            cost = f"{seconds:.0f}&nbsp;s | {megabytes:.0f}&nbsp;MB" if doc in costs else "not run | "
             rows.append(f"| {number} | {{doc}}`/{doc}` | {question[1] if question else ''} | {cost} |")
         total = sum(costs[doc][0] for doc in where.values() if doc in costs)
         rows += [
@@ -106,6 +107,17 @@ def public_names(module_name: str) -> dict[str, bool]:
     return {name: inspect.isclass(item) for name, item in own.items()}
 
 
+def one_answer(app: Sphinx, what: str, name: str, item: object, options: object, lines: list[str]) -> None:
+    """Before Napoleon, which takes each line under "Returns" for an answer of its own: they are one text."""
+    text = re.sub(
+        r"(?<=^Returns\n-------\n)((?:\S.*\n?)+)",
+        lambda found: ":\n" + indent(found[0], "    "),
+        "\n".join(lines),
+        flags=re.MULTILINE,
+    )
+    lines[:] = text.split("\n")
+
+
 def polish(app: Sphinx, what: str, name: str, item: object, options: object, lines: list[str]) -> None:
     """After Napoleon: "chapter 4" becomes a link, and `points : (N, D) metres` a description instead of a type."""
     where = chapters(app.env.found_docs)
@@ -113,6 +125,10 @@ def polish(app: Sphinx, what: str, name: str, item: object, options: object, lin
     def link(match: re.Match[str]) -> str:
         number = int(match[0])
         return f":doc:`{number} </{where[number]}>`" if number in where else match[0]
+
+    def appendix(match: re.Match[str]) -> str:
+        docs = [doc for doc in app.env.found_docs if doc.startswith(f"notebooks/{match[0]}_")]
+        return f":doc:`{match[0]} </{docs[0]}>`" if docs else match[0]
 
     in_example = False
     for i, line in enumerate(lines):
@@ -126,6 +142,8 @@ def polish(app: Sphinx, what: str, name: str, item: object, options: object, lin
         )
         # a norm, |x|, and a name that ends in an underscore mean something else to docutils
         line = re.sub(r"`[^`]*`|\||\w_(?!\w)", lambda part: re.sub(r"^\||_$", r"\\\g<0>", part[0]), line)
+        line = re.sub(r"(?<=appendix )[A-F]\b", appendix, line)
+        line = re.sub(r"^(.*\*\*[^*]+\*\*) \((?!\*)(.+?)\)(?: -- |$)", r"\1 -- \2 ", line)
         lines[i] = re.sub(r"^(.*\*\*[^*]+\*\*) \(\*(.+)\*\)(?: -- )?", r"\1 -- \2 ", line).rstrip()
 
 
@@ -190,6 +208,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("room", Room)
     app.add_directive("rooms", Rooms)
     app.connect("doctree-read", keep_tags)
+    app.connect("autodoc-process-docstring", one_answer, priority=400)
     app.connect("autodoc-process-docstring", list_attributes, priority=600)
     app.connect("autodoc-process-docstring", polish, priority=700)
     app.connect("autodoc-skip-member", skip_foreign)

@@ -7,10 +7,10 @@ against another (Stein et al. 2014). A surface that is explained only by somethi
 stayed; one that is hidden only behind something new need not have stayed. So the answer is asked for a few times.
 
 All lengths follow from the data: the spacing of the points, and how far the aligned clouds are apart. The constants
-below were set on scenes of the simulated lab with seeds from 1000 on, which no score of the book uses. Four of them,
-TYPICAL, STAYED, HIDDEN and SEAM, were chosen with an eye on the real table-top scans, too, the scored pairs among
-them: the scores on those are not those of data never seen. That FEWEST counts cells with evidence of their own, and not
-all that it has spread to, was found on the real static room.
+at the top of its source were set on scenes of the simulated lab with seeds from 1000 on, which no score of the book
+uses. Four of them, TYPICAL, STAYED, HIDDEN and SEAM, were chosen with an eye on the real table-top scans, too, the
+scored pairs among them: the scores on those are not those of data never seen. That FEWEST counts cells with evidence of
+their own, and not all that it has spread to, was found on the real static room.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ def unbeaten(seconds: Floats, score: Floats) -> Bools:
 
 
 def group_numbers(centres: Floats, reach: float, *, chain: bool = True, squared: bool = False) -> Ints:
-    """Group 0, 1, ... of each centre, numbered in the order in which they come; near ones share a group."""
+    """Number of the group of each centre, from 0 on in the order in which they come; near ones share a group."""
     distance = ((centres[:, None] - centres) ** 2).sum(axis=2)  # (R, R)
     near = (distance if squared else np.sqrt(distance)) <= reach
     number = np.full(len(centres), -1)

@@ -1,4 +1,4 @@
-"""Figures and 3-D views that speak one visual language: every chapter draws with these."""
+"""Figures and 3-D views that speak one visual language: every chapter draws with these, from chapter 1 on."""
 
 from .animation import player
 from .cards import picture

@@ -356,7 +356,7 @@ def plot_scores(
     Parameters
     ----------
     scores : series -> {category: (seeds,) values}: {"greedy": {"F1": [...], "recall": [...]}, "shared": {...}}.
-    published : category -> the paper's value, drawn as a black line across the bars.
+    published : category -> the paper's value, drawn as a dotted line across the bars.
     """
     ax = ax or plt.subplots()[1]
     categories = list(dict.fromkeys(name for series in scores.values() for name in series))

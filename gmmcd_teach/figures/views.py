@@ -153,7 +153,7 @@ def share_viewer(directory: str | Path) -> int:
     """Let all views of a built book share one copy of the viewer; returns the bytes saved.
 
     Each view's page moves out of the page that shows it to _static/gmmcd-views/, its data alone, and loads the viewer
-    from one script beside it: a script tag and a frame work from file:// too. Running it again changes nothing.
+    from one script beside it: a script tag and a frame work without a server too. Running it again changes nothing.
 
     Parameters
     ----------

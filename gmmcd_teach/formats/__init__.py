@@ -1,4 +1,4 @@
-"""One module per file format: bytes in, named columns out. `clouds` picks the module by suffix and names the file.
+"""One module per file format: bytes in, named columns out (chapter 18). `clouds` picks the module by suffix.
 
 A reader never trusts a header: what a file announces is compared with the bytes that it holds before memory is
 taken, nothing is evaluated or unpickled, and whatever is wrong is said in one `Malformed` sentence.

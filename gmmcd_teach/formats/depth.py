@@ -1,5 +1,7 @@
 """Depth images: a 16-bit grey .png, and beside it a .json of the same name that says what a pixel means.
 
+::
+
     {"intrinsics": [fx, fy, cx, cy], "scale": 0.001, "pose": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}
 
 intrinsics: pixels. scale: metres for each step of grey, 0.001 where it is not given. pose: camera to world, 4 by 4,

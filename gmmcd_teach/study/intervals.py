@@ -31,7 +31,8 @@ class Interval:
     n: int
 
     def __str__(self) -> str:
-        return f"{self.mean:.2f} [{self.low:.2f}, {self.high:.2f}]"
+        mean, low, high = (round(x, 2) + 0.0 for x in (self.mean, self.low, self.high))  # no -0.00
+        return f"{mean:.2f} [{low:.2f}, {high:.2f}]"
 
 
 def mean_interval(

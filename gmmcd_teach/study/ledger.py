@@ -21,8 +21,8 @@ SHARE = (0.0, 1.0)
 WORDS = {
     "percent": "10 %",
     "range": "20 to 23",
-    "linear": "about 1",
-    "similar": "about 0",
+    "linear": "says so",
+    "similar": "says so",
     "most": "in every case",
     "above": "says so",
     "open": "no value",

@@ -69,8 +69,8 @@ def _work(tables: Tables) -> str:
     ratio = times.iloc[1] / times.iloc[0]
     theirs = growth(PUBLISHED_RUNTIME.index, PUBLISHED_RUNTIME["em"])
     return (f"From K = {times.index[0]} to {times.index[1]}, {ratio.n_steps:.1f} times as many M-steps of more "
-            f"components each: {ratio.updates:.1f} times the updates. The paper's own {theirs.n} times, "
-            f"b = {theirs}, would not pass this rule either.")  # fmt: skip
+            f"components each: {ratio.updates:.1f} times the updates. The paper's own {theirs.n} EM times "
+            f"give b = {theirs}, which would not pass this rule either.")  # fmt: skip
 
 
 def _em(tables: Tables) -> str:
@@ -107,7 +107,8 @@ def _frames(tables: Tables) -> str:
     rows = at(tables["frames"])
     found = rows[rows["missed"] == ""].groupby("scene").size()
     runs = rows.groupby("scene").size()
-    return "Found: " + ", ".join(f"{scene} in {found.get(scene, 0)} of {runs[scene]}" for scene in runs.index) + "."
+    parts = (f"{scene.replace('_', ' ')} in {found.get(scene, 0)} of {runs[scene]}" for scene in runs.index)
+    return f"Found: {', '.join(parts)}."
 
 
 def _clean(tables: Tables) -> str:
@@ -147,7 +148,7 @@ def _melts(tables: Tables) -> str:
 def _beside_plain(tables: Tables, name: str) -> str:
     """F1 on points of each scene, as it is and in another table."""
     plain, other = (at(table).groupby("scene")["f1"].mean() for table in (tables["frames"], tables[name]))
-    return ", ".join(f"{scene} {plain[scene]:.2f} to {other[scene]:.2f}" for scene in plain.index)
+    return ", ".join(f"{scene.replace('_', ' ')} {plain[scene]:.2f} to {other[scene]:.2f}" for scene in plain.index)
 
 
 def _pca(tables: Tables) -> str:

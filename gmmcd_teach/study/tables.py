@@ -165,7 +165,7 @@ def harmonic_bounds(precision: float, recall: float, rounding: float = 0.0) -> t
     """The least and the largest mean F1 that runs of this mean precision and mean recall can have.
 
     F1 is the harmonic mean, concave in (precision, recall): the mean of many is at most that of their means (Jensen),
-    and at least the plane through the corners of the unit square, precision + recall - 1, or 0.
+    and at least 0 and precision + recall - 1, the plane through its values at three corners of the unit square.
 
     Parameters
     ----------

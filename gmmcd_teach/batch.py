@@ -16,8 +16,8 @@ def expect(mixture: GaussianMixture, blocks: Blocks, reach: float = REACH) -> tu
     """The E-step: log-likelihood (Eq. 4), and the (K, F) sums over points of w_ik times features (Eqs. 6 and 7).
 
     Densities are relative to those of the E-step before. Below exp(-700) one is as good as none, and slow to compute.
-    Where a point's density has fallen far below that, the reference was too old: all are taken anew from the largest
-    term, as log-sum-exp does.
+    Where a point's own has fallen or risen far, that reference was too old: all are taken anew from the largest term,
+    as log-sum-exp does.
     """
     features, counts = blocks.features, blocks.counts  # (M, F + 1, B), (M, B)
     k, (_, f, size) = mixture.n_components, features.shape

@@ -25,12 +25,11 @@ def expect(mixture: GaussianMixture, blocks: Blocks, reach: float = REACH) -> tu
     sums = np.zeros((k, f - 1))
     total = np.empty_like(counts)  # densities of the points, relative to the E-step before
     space = np.empty((k, size))  # for each block again: fresh memory costs more than the arithmetic
-    lowest = np.full((k, size), -700.0)  # as many as there are densities: NumPy is slower with a row, or a number
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         for m, near in enumerate(within_reach(mixture, blocks, reach)):
             phi, density = features[m], space[: len(near)]  # (F + 1, B), (K', B)
             np.matmul(eta[near], phi, out=density)
-            np.maximum(density, lowest[: len(near)], out=density)
+            density.clip(-700.0, np.inf, out=density)  # np.maximum is slower with a number
             np.exp(density, out=density)
             np.matmul(np.ones(len(near)), density, out=total[m])
             density *= counts[m] / total[m]  # w_ik, as often as the point counts

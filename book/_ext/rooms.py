@@ -143,8 +143,7 @@ def polish(app: Sphinx, what: str, name: str, item: object, options: object, lin
         # a norm, |x|, and a name that ends in an underscore mean something else to docutils
         line = re.sub(r"`[^`]*`|\||\w_(?!\w)", lambda part: re.sub(r"^\||_$", r"\\\g<0>", part[0]), line)
         line = re.sub(r"(?<=appendix )[A-F]\b", appendix, line)
-        line = re.sub(r"^(.*\*\*[^*]+\*\*) \((?!\*)(.+?)\)(?: -- |$)", r"\1 -- \2 ", line)
-        lines[i] = re.sub(r"^(.*\*\*[^*]+\*\*) \(\*(.+)\*\)(?: -- )?", r"\1 -- \2 ", line).rstrip()
+        lines[i] = re.sub(r"^(.*\*\*[^*]+\*\*) \((\*?)(.+?)\2\)(?: -- |$)", r"\1 -- \3 ", line).rstrip()
 
 
 def keep_tags(app: Sphinx, doctree: nodes.document) -> None:

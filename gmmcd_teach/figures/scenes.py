@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -337,4 +338,5 @@ def _value_colors(values: ArrayLike, label: str) -> tuple[NDArray[np.uint8], str
     colormap = colormaps["viridis"]
     stops = ", ".join(to_hex(colormap(x)) for x in np.linspace(0, 1, 5))
     colors = np.round(255 * colormap(scaled)[:, :3]).astype(np.uint8)
-    return colors, f"{label}: {low:.3g} to {high:.3g}", f"linear-gradient(90deg, {stops})"
+    digits = max(0, 2 - math.floor(math.log10(high - low or 1.0)))  # of both ends, to a hundredth of what is between
+    return colors, f"{label}: {low:.{digits}f} to {high:.{digits}f}", f"linear-gradient(90deg, {stops})"

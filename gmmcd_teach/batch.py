@@ -9,38 +9,42 @@ from gmmcd_teach.clouds import Floats
 from gmmcd_teach.features import Blocks, moments, natural_parameters
 from gmmcd_teach.mixture import GaussianMixture
 
-REACH = 60.0  # nats: a component whose density lies so far below that of a point, exp(-60), has no share in it
+REACH = 40.0  # nats: a component whose density lies so far below that of a point has no share in it; exp(-40) = 4e-18
+FALLEN = 0.1  # REACH counts from the density before: where that has fallen to this part, all components are asked
 
 
-def expect(mixture: GaussianMixture, blocks: Blocks, reach: float = REACH) -> tuple[float, Floats]:
+def expect(mixture: GaussianMixture, blocks: Blocks) -> tuple[float, Floats]:
     """The E-step: log-likelihood (Eq. 4), and the (K, F) sums over points of w_ik times features (Eqs. 6 and 7).
 
     Densities are relative to those of the E-step before. Below exp(-700) one is as good as none, and slow to compute.
-    Where a point's own has fallen or risen far, that reference was too old: all are taken anew from the largest term,
-    as log-sum-exp does.
+    Where that of a point has fallen or risen far, the reference was too old: its block is visited again, with all
+    components, relative to the largest term, as log-sum-exp does.
     """
     features, counts = blocks.features, blocks.counts  # (M, F + 1, B), (M, B)
-    k, (_, f, size) = mixture.n_components, features.shape
+    k, (m, f, size) = mixture.n_components, features.shape
     eta = np.column_stack([natural_parameters(mixture), np.ones(k)])  # the last column adds the reference
-    sums = np.zeros((k, f - 1))
     total = np.empty_like(counts)  # densities of the points, relative to the E-step before
-    space = np.empty((k, size))  # for each block again: fresh memory costs more than the arithmetic
+    sums = np.zeros((m, k, f - 1))  # of each block
+    space, ones = np.empty((k, size)), np.ones(k)  # for each block again: fresh memory costs more than the arithmetic
+
+    def visit(block: int, near: NDArray[np.intp]) -> None:
+        phi, density = features[block], space[: len(near)]  # (F + 1, B), (K', B)
+        np.matmul(eta[near], phi, out=density)
+        density.clip(-700.0, np.inf, out=density)  # np.maximum is slower with a number
+        np.exp(density, out=density)
+        np.matmul(ones[: len(near)], density, out=total[block])
+        density *= counts[block] / total[block]  # w_ik, as often as the point counts
+        sums[block, near] = density @ phi[:-1].T
+
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        for m, near in enumerate(within_reach(mixture, blocks, reach)):
-            phi, density = features[m], space[: len(near)]  # (F + 1, B), (K', B)
-            np.matmul(eta[near], phi, out=density)
-            density.clip(-700.0, np.inf, out=density)  # np.maximum is slower with a number
-            np.exp(density, out=density)
-            np.matmul(np.ones(len(near)), density, out=total[m])
-            density *= counts[m] / total[m]  # w_ik, as often as the point counts
-            sums[near] += density @ phi[:-1].T
-    if reach < np.inf and (total.min() < 1e-10 or total.max() > 1e100):
-        features[:, -1] = 0.0
-        for phi in features:
-            phi[-1] = -(eta @ phi).max(axis=0)
-        return expect(mixture, blocks, np.inf)
+        for block, near in enumerate(within_reach(mixture, blocks)):
+            visit(block, near)
+        for block in ((total.min(axis=1) < FALLEN) | (total.max(axis=1) > 1e100)).nonzero()[0]:
+            features[block, -1] = 0.0
+            features[block, -1] = -np.matmul(eta, features[block], out=space).max(axis=0)
+            visit(block, np.arange(k))
     features[:, -1] -= np.log(total, out=total)
-    return -float((features[:, -1] * counts).sum()), sums
+    return -float((features[:, -1] * counts).sum()), sums.sum(axis=0)
 
 
 def within_reach(mixture: GaussianMixture, blocks: Blocks, reach: float = REACH) -> list[NDArray[np.intp]]:

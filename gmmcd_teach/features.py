@@ -56,6 +56,21 @@ def pairs(n_dimensions: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.triu_indices(n_dimensions)
 
 
+@cache
+def places(n_dimensions: int) -> NDArray[np.intp]:
+    """(D, D) which of the features is x_i x_j.
+
+    Examples
+    --------
+    >>> places(2).tolist()
+    [[3, 4], [4, 5]]
+    """
+    i, j = pairs(n_dimensions)
+    table = np.empty((n_dimensions, n_dimensions), dtype=np.intp)
+    table[i, j] = table[j, i] = 1 + n_dimensions + np.arange(len(i))
+    return table
+
+
 def quadratic_features(points: Floats) -> Floats:
     """(F, N) rows 1, x_i, x_i x_j with i <= j: all that a Gaussian asks of a point; F = 1 + P.
 
@@ -179,14 +194,10 @@ def moments(sums: Floats, covariance_floor: float) -> tuple[Floats, Floats, Floa
     if support.min() < 1e-200:
         raise CloudError("a component has no points; lower min_components, or leave it out of init")
     d = dimensions(sums.shape[1])
-    i, j = pairs(d)
-    means = sums[:, 1 : 1 + d] / support[:, None]
-    upper = sums[:, 1 + d :] / support[:, None] - means[:, i] * means[:, j]
-    covariances = np.empty((len(sums), d, d))
-    covariances[:, i, j] = covariances[:, j, i] = upper
-    covariances += covariance_floor * np.eye(d)
-    squares = sums[:, 1 + d :][:, i == j].sum(axis=1) / support  # (K,) mean squared distance from the origin
-    lost = 16 * np.finfo(float).eps * squares
+    average = sums / support[:, None]  # (K, F) of the features, over the points of a component
+    means, squares = average[:, 1 : 1 + d], average[:, places(d)]
+    covariances = squares - means[:, :, None] * means[:, None, :] + covariance_floor * np.eye(d)
+    lost = 16 * np.finfo(float).eps * np.trace(squares, axis1=1, axis2=2)  # (K,) to rounding, of mean squared distances
     if covariance_floor <= 100 * lost.max():  # above, no eigenvalue can come near to what is lost
         smallest = np.linalg.eigvalsh(covariances)[:, 0]  # (K,)
         if (smallest <= lost).any():

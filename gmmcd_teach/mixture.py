@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from gmmcd_teach.clouds import CloudError, Floats, check_points
 
 LARGEST = 1e100  # metres: squares of larger coordinates, divided by small variances, leave the range of floats
-BLOCK = 1024  # points handled at a time: K of their densities fit the processor's cache
+BLOCK = 2048  # points handled at a time: K of their densities fit the processor's cache
 
 
 @dataclass(frozen=True, eq=False)

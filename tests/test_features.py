@@ -87,7 +87,7 @@ def test_what_is_out_of_reach_has_no_share(seed, d):
 
 def test_a_component_in_the_box_is_in_reach_and_one_beyond_is_not():
     points = np.concatenate([np.zeros((10, 1)), np.ones((10, 1))])
-    m = GaussianMixture([0.5, 0.5], [[0.0], [1.0]], [[[0.01]], [[0.005]]])  # 50 and 100 nats from one to the other
+    m = GaussianMixture([0.5, 0.5], [[0.0], [1.0]], [[[1 / 60]], [[0.01]]])  # 30 and 50 nats from one to the other
     blocks = blocks_of(quadratic_features(points), np.ones(20), 10)
     batch.expect(m, blocks)
     assert [near.tolist() for near in batch.within_reach(m, blocks)] == [[0], [0, 1]]

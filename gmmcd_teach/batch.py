@@ -14,18 +14,19 @@ FALLEN = 0.1  # REACH counts from the density before: where that has fallen to t
 
 
 def expect(mixture: GaussianMixture, blocks: Blocks) -> tuple[float, Floats]:
-    """The E-step: log-likelihood (Eq. 4), and the (K, F) sums over points of w_ik times features (Eqs. 6 and 7).
+    """The E-step: log-likelihood (Eq. 4), and the (K, F) sums of w_ik times features (Eqs. 6 and 7).
 
-    Densities are relative to those of the E-step before. Below exp(-700) one is as good as none, and slow to compute.
-    Where that of a point has fallen or risen far, the reference was too old: its block is visited again, with all
-    components, relative to the largest term, as log-sum-exp does.
+    Densities are relative to those of the E-step before. Below exp(-700) one is as good as none,
+    and slow to compute. Where that of a point has fallen or risen far, the reference was too old:
+    its block is visited again, with all components, relative to the largest term, as log-sum-exp
+    does.
     """
     features, counts = blocks.features, blocks.counts  # (M, F + 1, B), (M, B)
     k, (m, f, size) = mixture.n_components, features.shape
-    eta = np.column_stack([natural_parameters(mixture), np.ones(k)])  # the last column adds the reference
+    eta = np.column_stack([natural_parameters(mixture), np.ones(k)])  # 1: for the reference
     total = np.empty_like(counts)  # densities of the points, relative to the E-step before
     sums = np.zeros((m, k, f - 1))  # of each block
-    space, ones = np.empty((k, size)), np.ones(k)  # for each block again: fresh memory costs more than the arithmetic
+    space, ones = np.empty((k, size)), np.ones(k)  # for all blocks: fresh memory is slow
 
     def visit(block: int, near: NDArray[np.intp]) -> None:
         phi, density = features[block], space[: len(near)]  # (F + 1, B), (K', B)
@@ -39,7 +40,8 @@ def expect(mixture: GaussianMixture, blocks: Blocks) -> tuple[float, Floats]:
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         for block, near in enumerate(within_reach(mixture, blocks)):
             visit(block, near)
-        for block in ((total.min(axis=1) < FALLEN) | (total.max(axis=1) > 1e100)).nonzero()[0]:
+        too_old = (total.min(axis=1) < FALLEN) | (total.max(axis=1) > 1e100)  # (M,)
+        for block in too_old.nonzero()[0]:
             features[block, -1] = 0.0
             features[block, -1] = -np.matmul(eta, features[block], out=space).max(axis=0)
             visit(block, np.arange(k))
@@ -50,17 +52,19 @@ def expect(mixture: GaussianMixture, blocks: Blocks) -> tuple[float, Floats]:
 def within_reach(mixture: GaussianMixture, blocks: Blocks, reach: float = REACH) -> list[NDArray[np.intp]]:
     """For each block the components that may come within `reach` nats of the density of one of its points.
 
-    Along the axes on which a component is round, z = W (s - mu), the box of a block covers an interval each. The
-    nearest ends give a distance that no point of the block can be below. One block holds all points: all are needed.
+    Along the axes on which a component is round, z = W (s - mu), the box of a block covers an
+    interval each. The nearest ends give a distance that no point of the block can be below. One
+    block holds all points: all are needed.
     """
     if len(blocks.features) == 1:
         return [np.arange(mixture.n_components)]
     factors, peak = mixture.whitening
     centres = (factors @ mixture.means[:, :, None]).reshape(-1, 1)  # (K D, 1)
     axes = factors.reshape(len(centres), -1)  # (K D, D)
-    away = np.abs(axes @ blocks.centres.T - centres) - np.abs(axes) @ blocks.reaches.T  # (K D, M)
-    squared = (np.maximum(0.0, away) ** 2).reshape(len(peak), -1, len(blocks.centres)).sum(axis=1)
-    log_joint = peak[:, None] - 0.5 * squared  # (K, M), or less
+    away = np.abs(axes @ blocks.centres.T - centres)  # (K D, M)
+    away -= np.abs(axes) @ blocks.reaches.T
+    outside = np.maximum(0.0, away).reshape(len(peak), -1, len(blocks.centres))  # (K, D, M)
+    log_joint = peak[:, None] - 0.5 * (outside**2).sum(axis=1)  # (K, M), or less
     least = -blocks.features[:, -1].max(axis=1)  # (M,)
     return [near.nonzero()[0] for near in (log_joint >= least - reach).T]
 
